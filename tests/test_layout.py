@@ -64,6 +64,7 @@ def test_every_folder_is_installed():
     assert set(listed) == folders | {"uq_handeye.data", "uq_handeye.symbolic.templates"}  # which hold no Python
 
 
+@pytest.mark.docs
 def test_the_picture_of_the_architecture_is_drawn_from_the_imports():
     kept = (DOCS / "images" / "architecture.svg").read_text(encoding="utf-8")
     assert SCRIPT["picture"](SCRIPT["graph"]()) == kept, "run: python docs/figures/architecture.py"

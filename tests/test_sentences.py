@@ -263,6 +263,7 @@ def test_reading_words_nothing(monkeypatch):
     assert uq.Calibration.from_dict(data).findings == result.findings
 
 
+@pytest.mark.docs
 def test_no_time_of_day_is_stored():
     poses = uq.simulate(20, noise=NOISE, seed=SEED)
     assert quietly(poses).to_json() == quietly(poses).to_json()

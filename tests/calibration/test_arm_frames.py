@@ -26,6 +26,7 @@ def said(result):
     return [finding.code for finding in result.findings if finding.code.startswith("kinematics.")]
 
 
+@pytest.mark.slow
 def test_large_errors_do_not_move_the_chain(rng):
     """Errors of 20 mrad are derived again at their estimate; the poses compared stay those that were measured."""
     poses = rig(rng, sd=LARGE, n=15, spread=0.6).poses

@@ -12,6 +12,7 @@ POSES = uq.simulate(12, noise=NOISE, seed=3)
 G, C = POSES.robot, POSES.camera
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form",
     [

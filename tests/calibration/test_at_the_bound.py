@@ -43,6 +43,7 @@ def test_is_the_fit_of_likelihood(method, setup):
     assert result.fit.chi2 == pytest.approx((fitted.white[0] ** 2).sum(), rel=CLOSE)
 
 
+@pytest.mark.slow
 def test_efficient_is_the_default(poses, given):
     again = quietly(poses, noise=NOISE, method="efficient")
     assert given.to_json() == again.to_json()
@@ -86,6 +87,7 @@ def test_pairs_serve_4dpa_and_the_residuals_alone(poses, given):
 # ----------------------------------------------------------------------------------------------- noise from the data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", FITS)
 def test_noise_is_estimated_where_none_is_given(poses, method):
     result = quietly(poses, method=method, shared=[])
@@ -104,6 +106,7 @@ def test_noise_is_estimated_where_none_is_given(poses, method):
     assert_same_covariance(result.fourdpa.covariance, uq.propagate(motions, result.noise), CLOSE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "park", "li"])
 def test_published_methods_take_the_same_noise(poses, method):
     result = quietly(poses, method=method)
@@ -291,6 +294,7 @@ def test_motions_without_poses():
         uq.calibrate(motions, noise=NOISE)
 
 
+@pytest.mark.slow
 def test_noise_of_pairs_of_poses(poses):
     """PairNoise says that the motions are independent: the likelihood is theirs."""
     for pairs in ("all", "disjoint", "consecutive"):

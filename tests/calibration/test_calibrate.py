@@ -105,6 +105,7 @@ def test_octonion_is_that_of_the_paper_route():
     same_on_the_octonions(covariance, J, result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [None, NOISE, uq.PoseNoise(camera=np.eye(120) * 1e-6)])
 @pytest.mark.parametrize("scale", [None, 1e4])
 def test_json_round_trip_without_loss(noise, scale, tmp_path):
@@ -315,6 +316,7 @@ def test_published_methods_refuse_parallel_axes():
         uq.calibrate(planar(20, None), method="4dpa")
 
 
+@pytest.mark.slow
 def test_a_prior_closes_parallel_axes_and_one_that_contradicts_the_data_is_named():
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
     data = planar(20, noise, 3)

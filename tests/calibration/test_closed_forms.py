@@ -13,6 +13,7 @@ from uq_handeye.calibration.request import Request
 from uq_handeye.core.geometry.se3 import perturb
 
 
+@pytest.mark.slow
 def test_an_x_that_is_off_is_contradicted_and_a_right_one_is_not():
     poses = uq.simulate(30, noise=NOISE, seed=4)
     poses = uq.PosePairs(poses.robot, poses.camera)

@@ -84,6 +84,7 @@ def test_excluded_poses_are_no_outliers(poses):
     assert next(check for check in result.checks if check.name == "outliers").text == ("none of 22 poses; 2 excluded")
 
 
+@pytest.mark.slow
 def test_distances_of_good_excluded_poses_are_chi_square():
     rng, found = np.random.default_rng(5), []
     for _ in range(12):

@@ -78,6 +78,7 @@ def test_attributes_of_the_parts_are_those_of_the_result(estimated):
         dataclasses.replace(estimated, colour=1)
 
 
+@pytest.mark.slow
 def test_saved_and_loaded(estimated, tmp_path):
     again = uq.load(estimated.save(tmp_path / "result.json"))
     np.testing.assert_array_equal(again.X[:3], np.column_stack([again.R, again.t]))
@@ -129,6 +130,7 @@ def test_damaged_parts_are_refused(estimated):
 # ------------------------------------------------------------------------------------------------------- task space
 
 
+@pytest.mark.slow
 def test_noise_of_many_numbers_is_stored_once(estimated):
     """A joint covariance has a row of hundreds of numbers for each pose; it was half of the file."""
     data = json.loads(estimated.to_json())
@@ -141,6 +143,7 @@ def test_noise_of_many_numbers_is_stored_once(estimated):
             uq.Calibration.from_dict(noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("way", ["X", "robot", "target"])
 def test_uncertainty_of_points(way, setup, rng):
@@ -186,6 +189,7 @@ def test_uncertainty_of_points(way, setup, rng):
     np.testing.assert_allclose(found.std, np.sqrt(np.diag(found.covariance)))
 
 
+@pytest.mark.slow
 def test_uncertainty_that_is_not_determined(poses, given):
     p = [0, 0, 0.5]
     with pytest.raises(uq.InputError, match=r"either `robot`.*or `camera`"):

@@ -332,6 +332,7 @@ def test_clean_data_with_noise_given_stay_consistent():
     assert flagged <= stats.binom.ppf(0.9995, 60, 1 - 0.999**12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [4.0, 10.0])
 def test_noise_given_too_small_is_said_and_rejects_nobody(factor):
     poses = uq.simulate(30, noise=NOISE, seed=SEED)

@@ -46,6 +46,7 @@ def flat(text):
     return " ".join(text.split())
 
 
+@pytest.mark.slow
 def test_the_total_says_what_it_includes(poses, by_default):
     sigma = 1e3 * by_default.weakest_translation[1]
     first = flat(by_default.summary(verbose=True))
@@ -71,6 +72,7 @@ def test_a_size_is_declared_once(poses):
             uq.calibrate(poses, shared=[error], sizes={"focal length": ("1%", 2.0)})
 
 
+@pytest.mark.slow
 def test_other_methods_and_covariances_say_what_they_include_too(poses, by_default):
     park = quietly(poses, method="park")
     assert included_words(park).endswith("focal length, principal point x, principal point y, target scale.")
@@ -89,6 +91,7 @@ def waves(poses, count=8, size=1e-3):
     return replace(error, parts=tuple(f"waves: {k}" for k in range(count)))
 
 
+@pytest.mark.slow
 def test_numbers_of_one_error_are_one_row_and_one_source(poses):
     """Table, total, budget, provenance; the joint share is that of the budget in its worst direction."""
     result = quietly(poses, noise=NOISE, shared=[SHARED.focal_length(), waves(poses)])

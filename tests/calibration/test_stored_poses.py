@@ -59,6 +59,7 @@ def same(one, other):
         assert one == other
 
 
+@pytest.mark.slow
 def test_a_board_of_estimated_shape_is_stored(from_corners):
     """Its coefficients have no standard deviation beforehand, which JSON cannot say as a number."""
     seen = from_corners.data.camera_calibration
@@ -184,6 +185,7 @@ def test_damaged_poses_are_refused(whole, damage):
         uq.Calibration.from_dict(whole | {"data": changed(whole["data"], *path, to=to)})
 
 
+@pytest.mark.slow
 def test_poses_of_another_result_are_refused(whole, from_corners):
     for other in (quietly(uq.simulate(9, noise=NOISE, seed=1), noise=NOISE), quietly(motions_alone()[1]), from_corners):
         with pytest.raises(InputError, match="damaged"):

@@ -49,6 +49,7 @@ def test_parallel_axes_without_errors_of_the_arm(seed):
     assert quietly(poses, kinematics=scara(), kinematic_errors=exact).opened is not None
 
 
+@pytest.mark.slow
 def test_one_axis_does_not_stop_a_calibration(rng):
     arm = random_chain(rng, "R")
     poses, _, _ = measured(arm, rng, 20, camera=(1e-3, 1e-3), joint_sd=2e-4)

@@ -36,7 +36,6 @@ def result(recording):
     return calibrate(recording[0])
 
 
-@pytest.mark.slow
 def test_nothing_but_poses_from_corners(recording, result):
     poses, X = recording
     assert result.method == "efficient" and isinstance(result.noise.camera, JointCovariance)
@@ -60,6 +59,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     assert "Not included: camera model" in text and "camera intrinsics" not in text
 
 
+@pytest.mark.slow
 def test_noise_of_the_robot_alone_is_completed(recording):
     poses, _ = recording
     S = poses.camera_calibration.covariance
@@ -75,6 +75,7 @@ def test_noise_of_the_robot_alone_is_completed(recording):
     )
 
 
+@pytest.mark.slow
 def test_a_data_sheet_of_the_robot(recording):
     found = calibrate(recording[0], prior=NoisePrior(robot=("0.003deg", "0.02mm"), factor=1)).noise_estimate
     assert found["robot rotation"].status == "fixed"
@@ -84,6 +85,7 @@ def test_a_data_sheet_of_the_robot(recording):
         calibrate(recording[0], prior=NoisePrior(camera=("0.1deg", None)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "park", "li"])
 def test_other_methods_get_the_covariance_of_the_same_noise(recording, result, method):
     found = calibrate(recording[0], method=method)
@@ -131,6 +133,7 @@ def test_a_wrong_robot_row_is_found(rng):
     assert_same_covariance(calibrate(poses).covariance, good.covariance, 0.5)
 
 
+@pytest.mark.slow
 def test_a_half_turned_board_is_found(rng):
     """Points of one picture numbered from the other corner: the camera is right, that pose is not."""
     corners, robot, X = recorded(rng)
@@ -166,6 +169,7 @@ def test_files_and_reports(recording, tmp_path, method, without_rendering):
         uq.Calibration.from_dict(damaged)
 
 
+@pytest.mark.slow
 def test_analysis_works_with_it(result):
     assert result.diagnostics.n == 20
     assert [probe.covered for probe in result.diagnostics.probes] == [True, True, False]  # its target scale is in doubt

@@ -88,6 +88,7 @@ def test_factors_are_named_by_what_they_are(factor, words):
     assert words in said
 
 
+@pytest.mark.slow
 def test_rigs_without_size_are_named():
     found = quietly(scaled(scaled(POSES, 1e-6), 1e-6, side="robot"))
     assert found.headline.startswith("NOT USABLE: both files seem to be in a larger unit")

@@ -62,6 +62,7 @@ def test_where_colours_do_not_tell_x_points_right(rng, shape):
             np.testing.assert_allclose(pixels, projected(board, T), atol=0.15)
 
 
+@pytest.mark.slow
 def test_that_it_is_not_known_is_said(rng, tmp_path):
     board = uq.Board(8, 6, SQUARE)
     images = save(tmp_path, picture(board, facing(board), rng))
@@ -244,6 +245,7 @@ def test_corners_of_a_sharp_picture_are_found_as_well_as_of_a_blurred_one(rng):
     assert np.sqrt(np.mean(np.square(off))) < 0.022
 
 
+@pytest.mark.slow
 def test_windows_end_at_the_rim_of_the_picture(rng):
     """The first column lies 6 pixels from the rim, where windows of 10 moved corners by up to 0.09 pixels."""
     board = uq.Board(9, 6, SQUARE)

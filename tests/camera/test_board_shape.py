@@ -71,6 +71,7 @@ def test_what_a_board_cannot_tell_is_refused():
         flat_shape(board()).rows(board(square=0.031))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_derivatives_of_what_is_seen(rng, model):
     corners, _, _ = recorded(rng, 3)

@@ -96,6 +96,7 @@ def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path, without_renderi
     assert {f"{name}.{kind}" for name in camera_pictures(cam) for kind in ("png", "svg")} <= FURTHER
 
 
+@pytest.mark.slow
 def test_intrinsics_of_another_run_are_refused(rng, tmp_path):
     _, cam = calibrated(rng)
     write_files(tmp_path, camera_files(cam))
@@ -105,6 +106,7 @@ def test_intrinsics_of_another_run_are_refused(rng, tmp_path):
         uq.read_camera(tmp_path)
 
 
+@pytest.mark.slow
 def test_intrinsics_that_are_all_exact(rng, tmp_path):
     known = {"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0}
     _, cam = calibrated(rng, intrinsics=known)
@@ -412,6 +414,7 @@ def test_poses_of_a_folder_are_those_of_its_rows(rng, tmp_path, caplog):
     np.testing.assert_array_equal(same.robot, read.robot)
 
 
+@pytest.mark.slow
 def test_numbers_of_pictures_and_robot_poses_that_differ(rng, tmp_path):
     poses, cam = calibrated(rng)  # 13 of 15 pictures
     write_files(tmp_path / "camera", camera_files(cam))

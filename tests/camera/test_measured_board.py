@@ -55,6 +55,7 @@ def codes(cam):
     return {finding.code for finding in cam.findings}
 
 
+@pytest.mark.slow
 def test_bow_and_stretch_are_those_of_the_board(bent, flat):
     board = bent.board
     assert bent.shape == "bow2+plane1" and np.array_equal(bent.board_points, board.points)
@@ -79,6 +80,7 @@ def test_the_deviation_of_the_bow_is_that_of_repeated_calibrations():
     assert abs(z.mean()) < 4 / np.sqrt(40) and 0.4 < z.std() < 1.6
 
 
+@pytest.mark.slow
 def test_a_bow_that_would_show_is_found_and_a_third_of_it_is_not(flat):
     visible = flat.board_pattern.visible
     assert 1e-5 < visible < 2e-4
@@ -160,6 +162,7 @@ def test_another_board_is_refused(bent, tmp_path):
         calibrate_camera(corners, SIZE, shape=shape)
 
 
+@pytest.mark.slow
 def test_residuals_that_follow_the_points_are_found_and_others_are_not(bent, flat):
     rng = np.random.default_rng([SEED, 5])
     printed = calibrated(6, 1e-4 * rng.normal(size=POINTS.shape) * [1.0, 1.0, 0.0], shape="auto")

@@ -80,6 +80,7 @@ def test_pictures_that_differ_by_chance_alone_count_alike(rng):
     assert "differ" not in noise_words(cam)
 
 
+@pytest.mark.slow
 def test_few_corners_are_shrunk_to_the_common_noise(rng):
     """A picture that fits perfectly by chance counts for no more, one that fits badly for a little less."""
     corners, _, _ = recorded(rng)

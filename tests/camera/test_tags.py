@@ -56,6 +56,7 @@ def test_black_squares_between_tags_make_chessboard_corners_and_alone_they_are_m
     assert (tag_finder(GRID)(picture(GRID, T, rng))[2] < 0).all()
 
 
+@pytest.mark.slow
 def test_a_grid_seen_in_part_keeps_its_numbers(rng, tmp_path):
     T = facing(APRILGRID, 160, distance=0.4)
     part = picture(APRILGRID, T, rng)
@@ -185,6 +186,7 @@ def test_other_boards_and_mirror_images_are_named(rng, tmp_path):
         uq.detect_board(images, board)
 
 
+@pytest.mark.slow
 def test_an_aprilgrid_with_one_cell_of_border_and_without_squares_is_found_too(rng):
     print_of_one_row = uq.Board(3, 1, 0.04, "aruco", dictionary="36h11", spacing=0.01)
     board = uq.Board(3, 1, 0.04, "aprilgrid", spacing=0.25)

@@ -119,6 +119,7 @@ def test_a_bag_that_holds_nothing(tmp_path):
     assert done.returncode == 2 and "the bag holds no messages" in done.stderr
 
 
+@pytest.mark.slow
 def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
     """Six poses with the stamps of one clock: the offset is taken as 0, and that is said."""
     poses = uq.simulate(6, seed=5)
@@ -151,6 +152,7 @@ def test_what_does_not_fit_is_one_line(cell, arguments, expected):
     assert done.stderr.splitlines()[-1].startswith("uq-handeye: error:") and "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_bag_in_place_of_pose_files(cell):
     for path in (cell[1], cell[1].parent):
         done = run("calibrate", path, path)

@@ -19,6 +19,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_writes_what_is_asked_for(folder):
     (folder / "cell.toml").write_text('cell = "B7"\nreference = "CMM 12"\n')
     done = run("certificate", "result.json", "c.json", "--about", "cell.toml", cwd=folder)

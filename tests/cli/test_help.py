@@ -49,6 +49,7 @@ def test_help_all_lists_every_option(name):
             assert re.search(rf"(^|[\s,/]){re.escape(shown)}($|[\s,/.])", text, re.MULTILINE), shown
 
 
+@pytest.mark.slow
 def test_help_of_the_program_is_one_screen():
     lines = lines_of("--help")
     assert len(lines) <= 32

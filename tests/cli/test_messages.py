@@ -75,6 +75,7 @@ def test_quiet_before_or_after_the_command(session, talkative, quiet, before):
     assert wrong.returncode == 2 and "no such file" in wrong.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [True, False])
 def test_verbose_says_what_is_done_and_how_long_it_takes(session, talkative, before):
     command = ("calibrate", "robot.csv", "camera.csv", *NOISE)
@@ -171,6 +172,7 @@ def test_bad_input_is_one_line_and_status_2(session, arguments, parts):
         assert part in done.stderr
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_program_is_being_loaded():
     """An import that is interrupted, as by a key at that moment."""
     program = (

@@ -89,6 +89,7 @@ def test_a_shell_completes(words, expected):
     assert (done.returncode, done.stdout.split()) == (0, expected)
 
 
+@pytest.mark.slow
 def test_help_and_completion_load_nothing_that_takes_long():
     """Modules that `import uq_handeye` itself loads are not counted."""
     program = (
@@ -164,6 +165,7 @@ def test_one_of_and_methods_of():
 # ------------------------------------------------------------------------------------------ files and pairing
 
 
+@pytest.mark.slow
 def test_options_reach_the_reader(session, tmp_path):
     """Inverted frames, quaternions with the scalar first, units and formats give the X of the plain files."""
     poses = uq.read_poses(session / "robot.csv", session / "camera.csv")

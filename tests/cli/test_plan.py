@@ -53,6 +53,7 @@ def test_text_and_file(run, session, tmp_path):
     assert (status, json.loads(out), err) == (0, found.to_dict(), "")
 
 
+@pytest.mark.slow
 def test_candidates_of_ones_own(run, session):
     arguments = (*NOISE, "--candidates", "candidates.csv", "--json", "-k", 4)
     data = json.loads(run(*arguments)[1])
@@ -66,6 +67,7 @@ def test_candidates_of_ones_own(run, session):
     assert len(again["steps"]) == 20
 
 
+@pytest.mark.slow
 def test_criteria(run):
     for extra, criterion, head, note in (
         (("--criterion", "point", "--point", "0mm,0mm,300mm"), "point", "error", "of the point (0, 0, 300) mm"),
@@ -98,6 +100,7 @@ def test_units(run, session, tmp_path):
     np.testing.assert_allclose(scaled["X"], metres["X"], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
     poses = simulate(8, tilt=0.0, seed=1)
     write_pose_file(tmp_path / "robot.csv", poses.robot)
@@ -113,6 +116,7 @@ def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
     assert len(data["open_directions"]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

@@ -91,6 +91,7 @@ def test_what_the_camera_should_see(stored, noise):
     assert ("without noise of measurement" in predicted(folder, *arguments)) == bool(noise)
 
 
+@pytest.mark.slow
 def test_at_robot_poses_where_no_joints_are_known(stored):
     folder, _, without, _, robot = stored
     found = json.loads(predicted(folder, "plain.json", "--robot", "robot.csv", "--camera", "--json"))
@@ -105,6 +106,7 @@ def test_at_robot_poses_where_no_joints_are_known(stored):
     np.testing.assert_allclose(again["points"], expected.points, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_beside_poses_of_the_controller(stored):
     folder, result, _, ahead, _ = stored
     robot = ARM.poses(ahead)
@@ -129,6 +131,7 @@ def test_how_far_the_tool_misses(stored):
     assert "Tip of the tool minus the point, in the frame base: 1 at 3 robot poses" in predicted(folder, *arguments)
 
 
+@pytest.mark.slow
 def test_long_tables_are_cut_in_text_alone(stored):
     folder, _, _, ahead, _ = stored
     write_joints(folder / "many.csv", np.tile(ahead, (20, 1)))

@@ -55,6 +55,7 @@ def test_update_and_difference(folder):
     assert json.loads((folder / "diff" / "diff.json").read_text())["how"] == "posterior"
 
 
+@pytest.mark.slow
 def test_refusals_are_one_line(folder):
     refused = update(folder, "moved")
     assert refused.returncode == 2 and "something has changed" in refused.stderr

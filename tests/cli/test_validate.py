@@ -114,6 +114,7 @@ def test_digits(run):
     assert "NOT COMPLETE: all trials done, but not stable: 1 block of trials, 11 are needed." in " ".join(out.split())
 
 
+@pytest.mark.slow
 def test_all_cores_unless_told(run, monkeypatch):
     asked = []
 
@@ -127,6 +128,7 @@ def test_all_cores_unless_told(run, monkeypatch):
     assert asked == [cli_validate.cores(), 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

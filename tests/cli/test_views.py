@@ -114,6 +114,7 @@ def test_other_commands_take_the_same(rig):
     assert done.returncode == 0 and json.loads(done.stdout)["trials"] == 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -48,6 +48,7 @@ def growing(folder, k):
     )
 
 
+@pytest.mark.slow
 def test_growing_files_until_the_tolerance_is_met(tmp_path, arriving):
     arriving([growing(tmp_path, k) for k in range(1, 15)])
     done = run("calibrate", "--watch", tmp_path, *KNOWN, "--tolerance", "3mm,0.4deg", "-q", "-o", tmp_path / "out")
@@ -58,6 +59,7 @@ def test_growing_files_until_the_tolerance_is_met(tmp_path, arriving):
     assert json.loads((tmp_path / "out" / "result.json").read_text())["verdict"]["verdict"] == "PASS"
 
 
+@pytest.mark.slow
 def test_answers_after_each_pose(tmp_path, arriving):
     arriving([growing(tmp_path, k) for k in (1, 2, 4, 5, 6, 9)])
     done = run("calibrate", "--watch", tmp_path, *KNOWN)

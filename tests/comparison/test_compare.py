@@ -183,6 +183,7 @@ def test_a_fault_of_the_program_is_no_row(poses, monkeypatch, error):
         compare(poses, noise=NOISE, methods=FEW)
 
 
+@pytest.mark.slow
 def test_a_covariance_that_is_refused_leaves_x(poses, monkeypatch):
     original = module.calibrate
 
@@ -202,6 +203,7 @@ def test_a_covariance_that_is_refused_leaves_x(poses, monkeypatch):
     assert result.verdict == "2 of 2 methods agree with 4dpa at 95 %; 1 without covariance: park."
 
 
+@pytest.mark.slow
 def test_an_iteration_without_end_keeps_what_it_reached(poses, monkeypatch):
     X = uq.calibrate(poses, method="gwak").X
     partial = Estimate(X, np.array(False), np.array(100))
@@ -223,6 +225,7 @@ def test_an_iteration_without_end_keeps_what_it_reached(poses, monkeypatch):
     assert compare(poses, noise=NOISE, methods=FEW)["gwak"].X is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["X", "covariance"])
 def test_numbers_that_are_not_finite_are_a_failure(poses, monkeypatch, name):
     good = uq.calibrate(poses, noise=NOISE, method="park")
@@ -317,6 +320,7 @@ def test_exact_data_show_no_noise():
     assert "+-" not in result.to_text(verbose=True)
 
 
+@pytest.mark.slow
 def test_the_noise_is_estimated_once(poses, monkeypatch):
     seen = []
     original = module.calibrate
@@ -354,6 +358,7 @@ def test_many_poses_share_spread_pairs(monkeypatch):
     assert compare(poses, methods=["4dpa"], pairs="consecutive").n_pairs_available == 209
 
 
+@pytest.mark.slow
 def test_most_differ_points_to_the_central_method(poses, monkeypatch):
     good = uq.calibrate(poses, noise=NOISE, method="4dpa")
     off = moved(good.X, np.array([0, 0, 0, 0.01, 0, 0]))
@@ -424,6 +429,7 @@ def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
     assert "UNDETERMINED" in alone.to_text(verbose=True) and "\npark ?  " in alone.to_text(verbose=True)
 
 
+@pytest.mark.slow
 def test_failures_are_worded_for_a_table(poses, monkeypatch):
     partial = Estimate(uq.calibrate(poses, method="gwak").X, np.array(False), np.array(100))
     replaced(monkeypatch, "gwak", raises(NotConvergedError("It did not converge\nwithin 1e2 iterations.", partial)))
@@ -451,6 +457,7 @@ def test_progress_is_silent_without_a_terminal(poses, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_lookup(everything):
     assert everything["park"].method == "park"
     assert repr(everything) == f"Comparison({len(uq.METHODS)} methods, reference 4dpa, 66 pairs)"

@@ -128,6 +128,7 @@ def test_what_is_no_budget_is_refused(by_default):
         by_default.budget.expanded(1.0)
 
 
+@pytest.mark.slow
 def test_a_budget_survives_a_file_and_a_damaged_one_is_refused(by_default):
     data = json.loads(by_default.to_json())
     again = uq.Calibration.from_dict(data).budget

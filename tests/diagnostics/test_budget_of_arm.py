@@ -50,6 +50,7 @@ def test_noise_of_the_joints_is_a_source_of_its_own(declared):
     assert (budget.standard["X translation"] > 0).all()
 
 
+@pytest.mark.slow
 def test_without_its_source_joint_noise_is_missing_from_the_sum(declared):
     budget = declared.budget
     alone = budget_of(declared.analysis.fit, declared.noise)
@@ -61,6 +62,7 @@ def test_without_its_source_joint_noise_is_missing_from_the_sum(declared):
     assert np.diag(budget.covariances[k])[3:6].sum() > 10 * np.diag(budget.covariances[:2].sum(axis=0))[3:6].sum()
 
 
+@pytest.mark.slow
 def test_types_say_where_a_deviation_comes_from(estimated):
     budget = estimated.budget
     types = dict(zip(budget.sources, budget.types, strict=True))

@@ -304,6 +304,7 @@ def test_timestamps_give_the_order(rng):
     assert np.abs(third.correlation - first.correlation).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_heavy_tails_are_found():
     rng = np.random.default_rng([SEED, 8])
     true = uq.simulate(60, seed=3)
@@ -350,6 +351,7 @@ def scaled(poses, name, s):
     return uq.PosePairs(robot, camera, poses.setup)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("name", ["focal length", "target scale", "robot scale"])
 def test_probes_are_numerical_derivatives(rng, setup, name, joint):

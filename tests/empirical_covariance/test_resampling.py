@@ -169,7 +169,6 @@ def test_draws_of_too_few_poses_are_left_out():
 # --------------------------------------------------------------------------------- against the sampling covariance
 
 
-@pytest.mark.slow
 def test_with_the_true_noise_model_the_sandwich_is_unbiased():
     poses, found = simulated()
     trials = len(found.X)

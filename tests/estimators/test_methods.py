@@ -93,6 +93,7 @@ def test_a_sweep_of_angles(angle, rng):
         assert error < max(1e-11, 3e-14 / min(angle, np.pi - angle, 1.0) ** 2), name
 
 
+@pytest.mark.slow
 def test_leading_axes(method, rng):
     _, A, B = noisy_motions(rng, 6, 1e-3, (2, 3))
     X = method(A, B)
@@ -214,6 +215,7 @@ def test_half_turns_alone_with_an_X_given_are_refused_too(name, rng):
         uq.propagate(A, B, noise, X=X, method=name)
 
 
+@pytest.mark.slow
 def test_axes_near_half_turns_keep_their_sign(rng):
     """Noise moves motions across 180 degrees: without the reference some axis of A or B would flip alone."""
     X, A, B = exact_motions(rng, 12)
@@ -370,6 +372,7 @@ def test_zhao_warns_where_data_are_few(rng):
         uq.propagate(motions, uq.PoseNoise(camera=random_covariance(rng)), method="zhao")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("name", ["tsai", "daniilidis", "andreff", "gwak", "condurache", "nguyen"])
 def test_the_pose_aware_covariance_is_that_of_brute_force(name, setup, rng):

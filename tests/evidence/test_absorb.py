@@ -20,6 +20,7 @@ def whitened(result, X):
     return np.concatenate([turn, result.X[:3, 3] - X[:3, 3]]) / result.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_poses_taken_in_are_the_fit_of_all(setup):
     """A shared error, whose estimate moves with X and W."""

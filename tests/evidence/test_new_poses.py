@@ -96,6 +96,7 @@ def test_at_a_pose_of_the_calibration_nothing_of_the_arm_is_new(rng):
     assert sd[0].max() < sd[1].min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_absorbed_is_the_fit_of_all_poses(rng, setup):
     small = uq.PoseNoise.isotropic(robot=("4urad", 0.001e-3), camera=("9urad", 0.004e-3))

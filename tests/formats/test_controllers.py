@@ -99,6 +99,7 @@ def test_columns_that_say_the_maker(robot_file, rigs, maker):
     assert any(f"read as {CONTROLLERS[maker].rotation}" in note for note in source.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", ["ur", "kuka", "fanuc", "abb", "staubli", "kawasaki", "rpy"])
 def test_numbers_without_names_are_told_by_the_camera(robot_file, rigs, maker):
     numbers, T = rigs[maker]
@@ -139,6 +140,7 @@ def test_angles_whose_size_contradicts_the_maker(robot_file, rigs):
     assert any("xyz-deg" in note for note in check(robot_file(csv(degrees, NAMES["rpy"])), T).notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "maker", "length", "angle"),
     [
@@ -313,6 +315,7 @@ def test_the_camera_in_a_maker_form(tmp_path, rigs):
     np.testing.assert_allclose(poses.camera, T, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("maker", "flags"), [("kuka", []), ("yaskawa", ["--format", "robot=yaskawa"])])
 def test_command_line(robot_file, rigs, maker, flags, tmp_path, capsys):
     numbers, T = rigs[maker]
@@ -385,6 +388,7 @@ def test_doubt_without_another_side_names_the_candidates(robot_file, text):
         finished(read_contents(robot_file(text), None)[0].only, "robot", None, None, "base_T_gripper")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", PROGRAMS)
 def test_cut_off_programs_end_in_one_line_or_are_read(robot_file, rigs, maker):
     text = program(maker, rigs[maker][0][:3])

@@ -34,6 +34,7 @@ def assert_same(poses, other, atol=1e-14):
 # ------------------------------------------------------------------------------------------------ samples of the tools
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("files", "format", "times", "atol"),
     [
@@ -134,6 +135,7 @@ def check(poses, rig, atol=1e-12):
     np.testing.assert_allclose(poses.camera, rig[1], rtol=0, atol=atol)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parameters", "setup", "note"),
     [

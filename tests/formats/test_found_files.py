@@ -202,6 +202,7 @@ TREES = {
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TREES)
 def test_trees(tmp_path, kind):
     each = [entry(p, r) for p, r in zip(PLACES, VECTORS, strict=True)]

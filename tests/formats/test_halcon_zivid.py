@@ -37,6 +37,7 @@ def text_of(code, r, t):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ALL_CODES)
 def test_halcon_of_every_representation(tmp_path, code):
     rng = np.random.default_rng(code)

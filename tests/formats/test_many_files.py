@@ -33,6 +33,7 @@ def camera(tmp_path):
     return tmp_path / "camera.npy"
 
 
+@pytest.mark.slow
 def test_names_are_ordered_by_their_numbers(tmp_path, camera):
     for name in ("pose_{k}.txt", "{k}", "p{k}_take2.dat", "2024-01-01 pose ({k}).TXT"):
         folder = write(tmp_path / f"robot {name[:2]}", ROBOT, name, first=1)
@@ -81,6 +82,7 @@ def test_a_folder_of_both_sides_shows_the_patterns(tmp_path, camera):
         assert f"'{tmp_path}/cell/robot_*.txt' '{tmp_path}/cell/cam_*.txt'" in str(error.value)
 
 
+@pytest.mark.slow
 def test_numbers_of_files_that_do_not_match(tmp_path):
     for lost, message in (
         ((3, 7), r"robot lacks 3; .*camera lacks 7"),
@@ -159,6 +161,7 @@ def test_json_of_one_pose(tmp_path, camera):
     check(read_poses(tmp_path / "robot", camera))
 
 
+@pytest.mark.slow
 def test_the_command_line_expands_patterns(tmp_path, camera):
     write(tmp_path / "my robot [2]", ROBOT)
     arguments = ["calibrate", str(tmp_path / "my robot [2]" / "*.txt"), str(camera), "--json"]

@@ -37,6 +37,7 @@ def test_matrices_in_text(tmp_path, camera, form):
     check(read_poses(path, camera, format=("matrix", None)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FRANKA)
 def test_franka(tmp_path, camera, form):
     path = tmp_path / "robot.csv"
@@ -62,6 +63,7 @@ def test_numbers_of_franka_without_names(tmp_path, camera, mark, times):
 HURT = blocks(ROBOT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -256,6 +256,7 @@ def test_every_option_named_exists():
     assert named <= set(inspect.signature(uq.read_poses).parameters)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize(("file", "unit"), [("robot", "mm"), ("robot", "cm"), ("camera", "mm")])
 def test_the_file_that_was_read_in_a_wrong_unit_is_named(file, unit):

@@ -58,6 +58,7 @@ def test_the_other_poses_decide_and_the_covariance_is_consistent():
     assert 0.5 < np.mean(d2) < 1.6  # sqrt(2 / 6 / 8) is 0.2
 
 
+@pytest.mark.slow
 def test_it_is_counted_once():
     _, poses = seen_tag(1)
     found = uq.resolve_pose_ambiguity(poses)

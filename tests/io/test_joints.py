@@ -186,6 +186,7 @@ def test_streams_need_times_and_a_robot(stream_files):
         read_stream(folder / "robot.csv", "robot", joints=folder / "joints.csv", kinematics=ARM)
 
 
+@pytest.mark.slow
 def test_synchronised_joints_move_the_chain_to_the_poses(stream_files, rng):
     folder, times, q = stream_files
     X, W = random_transforms(rng), motion((0.1, 0.2, 0.3), (0.5, 0.1, 0.0))

@@ -173,6 +173,7 @@ def test_the_branch_of_an_arm_that_is_not_in_the_table(name):
     np.testing.assert_allclose(postures_by_branch(chain, poses[order]).q, found.q[order], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "gen3", "xarm7"])
 def test_the_elbow_of_seven_axes_stays_near_its_usual_roll(name):
     q = cluster(name, np.random.default_rng(5), width=0.3)

@@ -78,6 +78,7 @@ def test_what_differs_is_the_model_of_the_errors():
         assert max(ours) < 1e-4, ours
 
 
+@pytest.mark.slow
 def test_nearly_singular_noise_shows_the_convention_of_errors():
     """Correlations near 1: ``theta x tau`` of 1 mrad and 1 mm is no longer small beside the smallest deviation.
 

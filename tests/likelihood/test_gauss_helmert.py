@@ -60,6 +60,7 @@ def test_the_start_does_not_matter(kind, rng):
     assert distance(shifted, from_4dpa.X, from_4dpa.W, far.covariance) < 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("setup", KINDS[:2])
 def test_one_exact_side_is_the_limit_of_small_noise(setup, joint, rng):
@@ -91,6 +92,7 @@ def test_a_block_diagonal_joint_covariance_is_that_of_each_pose(rng):
         np.testing.assert_allclose(other.white[1], one.white[1], rtol=1e-7, atol=1e-7 * np.abs(one.white[1]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("sd", [1e-3, 3e-2])
 def test_millimetres_give_the_same_answer(kind, sd, rng):

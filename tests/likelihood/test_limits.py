@@ -58,6 +58,7 @@ def test_ml_converges_at_large_noise(kind, rng):
     assert found.converged.all() and found.iterations < 20
 
 
+@pytest.mark.slow
 def test_not_converged_says_so_and_gives_what_it_has(rng):
     """Poses that have nothing to do with each other: some of the problems have no maximum that is reached."""
     noise = uq.PoseNoise.isotropic(("1mrad", "1mm"), ("1mrad", "1mm"))

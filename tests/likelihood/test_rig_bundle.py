@@ -129,6 +129,7 @@ def test_a_wrong_robot_pose_is_left_out(rng):
     assert bundle.dof == adjust_rig(poses, ROBOT, found.fit.unknowns).dof - 6
 
 
+@pytest.mark.slow
 def test_known_intrinsics_are_kept(rng):
     corners, robot, _ = recorded(rng, 12)
     free = poses_of(corners, robot).camera_calibration

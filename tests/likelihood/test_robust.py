@@ -202,6 +202,7 @@ def test_few_poses_and_many_outliers(n, wrong_ones, known):
         assert len(found.rejected) <= wrong_ones + 1
 
 
+@pytest.mark.slow
 def test_everything_above_five_sigma_is_flagged():
     """Outliers of 4 to 9 sigma, judged by the residuals of a fit without them."""
     for trial in range(10):
@@ -330,6 +331,7 @@ def test_refuses():
         robust_fit(still, NOISE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [[*range(22), *range(18)], [*range(20)] * 2, [*range(21), *[3] * 19]])
 @pytest.mark.parametrize("wrong", [False, True])
 def test_copies_are_no_consensus(rows, wrong):

@@ -142,6 +142,7 @@ def zipped(files, **how):
     return content.getvalue()
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_bag_as_zip(page, tmp_path):
     pytest.importorskip("rosbags", reason="rosbags (extra rosbag) is not installed")
     from fixtures.bags import START, Writer
@@ -157,6 +158,7 @@ def test_the_folder_of_a_bag_as_zip(page, tmp_path):
     assert len(uq.read_bag(path, robot="base:tool0", camera="camera:tag0")[0].poses) == 16
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "words"),
     [

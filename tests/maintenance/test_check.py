@@ -348,6 +348,7 @@ def test_results_of_older_files_and_other_rigs_are_refused_in_one_line(results):
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_joints_of_another_arm_are_refused():
     found = rig(np.random.default_rng(1))
     result = uq.calibrate(found.poses, noise=uq.PoseNoise(camera=NOISE.camera), kinematics=ARM, shared=[])

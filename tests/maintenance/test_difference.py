@@ -75,6 +75,7 @@ def test_an_error_of_one_camera_cancels():
     np.testing.assert_allclose(apart.covariance, sums[:12, :12], atol=0.03 * np.abs(sums).max())
 
 
+@pytest.mark.slow
 def test_the_accuracy_of_one_robot_is_one_error():
     """Said to be one robot, its field is one over all poses; of two robots it is two."""
     accuracy = uq.SharedError.robot_accuracy("2mm")

@@ -85,6 +85,7 @@ def test_the_square_root_is_one(rng, structured):
     np.testing.assert_allclose(np.asarray(weighted(S, w)), expected, rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("estimate", [efficient, maximum_likelihood])
 def test_estimates_are_those_of_the_whole_array(rng, setup, estimate, both_ways):
@@ -123,6 +124,7 @@ def test_on_both_sides_and_beside_an_array(rng, structured):
     assert_same_covariance(efficient(poses, uq.PoseNoise(np.asarray(one), other)).covariance, expected, 1e-7)
 
 
+@pytest.mark.slow
 def test_draws_have_the_covariance(rng, structured):
     n = 3
     S = structured(rng, n)

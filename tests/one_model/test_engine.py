@@ -400,6 +400,7 @@ def few_poses_of_an_arm(times):
     return model, constraint.complete(poses.truth.X)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1.02, 0.95, 25.4 / 25])
 def test_the_probability_of_another_size(scale):
     """A target of the size given, of another one, in inches: the probability is near 0 or 1, from either start."""

@@ -255,6 +255,7 @@ def test_an_error_that_an_unknown_pose_absorbs_is_named_with_its_way(setup, side
     assert [one for one in quietly(poses).findings if one.code == "noise_estimation.absorbed"] == []
 
 
+@pytest.mark.slow
 def test_a_size_that_the_data_push_to_its_end_is_named():
     poses = uq.simulate(20, noise=WEAK_ROBOT, seed=support.SEED)
     (found,) = size_findings(poses, sizes={"camera rotation": ("20deg", 1.1)})

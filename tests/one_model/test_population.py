@@ -48,6 +48,7 @@ def test_constant_base_and_flange_are_annihilated_over_the_workspace():
     assert inside.max() < 1e-12
 
 
+@pytest.mark.slow
 def test_the_unit_is_the_rms_position_error_over_the_workspace():
     known = population.population()
     K, _ = workspace_of(known)

@@ -67,6 +67,7 @@ def test_more_poses_do_not_help_where_shared_errors_limit_x(poses):
     assert ahead.gain < 0.03  # the bend stays
 
 
+@pytest.mark.slow
 def test_an_accuracy_that_the_residuals_scale_is_no_limit_yet():
     few = uq.simulate(n_poses=7, noise=NOISE, seed=2)
     few = uq.PosePairs(few.robot, few.camera)

@@ -64,6 +64,7 @@ def test_its_poses_are_those_of_its_joints(exact):
     np.testing.assert_allclose(found.camera, np.linalg.inv(found.X) @ np.linalg.inv(found.robot) @ found.W, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_candidates_are_inside_the_limits_and_see_the_target(setup):
     q = looking(ARM, np.random.default_rng(1), 10, 0.3)

@@ -65,6 +65,7 @@ def enlarged(data, found, steps):
 # ------------------------------------------------------------------------------------------------- what is predicted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_predicted_covariance_is_that_of_the_enlarged_set(setup, criterion):
@@ -181,6 +182,7 @@ def test_rank_six_updates_equal_inversion():
         np.testing.assert_allclose(values, [direct(information + B.T @ B, Q) for B in rows], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_two_of_eight_against_all_pairs():
     """Over 40 problems and three criteria: never below the optimum, at it in most, near it in the mean."""
     rng = np.random.default_rng(SEED)
@@ -296,6 +298,7 @@ def test_parallel_axes(setup, noisy, seed):
     assert (np.abs(np.log(ratio)) < np.log(1.5)).all(), ratio
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_pure_translations(setup):
     data, X, *_ = open_session(setup, 0, True, SEED)
@@ -307,6 +310,7 @@ def test_pure_translations(setup):
     assert found.worst[-1, 1] < 3e-3
 
 
+@pytest.mark.slow
 def test_a_direction_is_open_by_its_standard_deviation():
     """Hardly more than parallel axes: open or not by the covariance that `efficient` gives."""
     rng = np.random.default_rng(SEED)
@@ -417,6 +421,7 @@ def test_bad_arguments(change, message):
         plan(given.pop("data"), **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_more_poses_do_not_average_out_what_all_share(setup):
     data, others = simulate(6, setup=setup, seed=1), simulate(30, setup=setup, seed=2)
@@ -431,6 +436,7 @@ def test_more_poses_do_not_average_out_what_all_share(setup):
     assert (found.std > 1.05 * plan(data, others.truth.robot, 4, noise=NOISE).std).any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_shared_errors_by_default():
     data = simulate(20, noise=NOISE, seed=SEED)
     found = plan(data, k=1)
@@ -473,6 +479,7 @@ def test_marginals_are_the_way_out_for_joint_noise():
     assert plan(data, k=1, noise=PoseNoise(camera=marginals(joint))).worst[1, 1] > 0
 
 
+@pytest.mark.slow
 def test_output(tmp_path):
     noise = NOISE
     data = simulate(10, noise=noise, seed=SEED)

@@ -88,6 +88,7 @@ def test_a_folder_takes_the_place_of_the_camera_file(session):
     np.testing.assert_array_equal(poses.rows(np.arange(3)).camera_covariance.own, seen.covariance.own[:3])
 
 
+@pytest.mark.slow
 def test_points_in_place_of_poses_lead_to_the_command(session):
     folder, _ = session
     with pytest.raises(InputError, match="uq-handeye points -o DIR"):

@@ -174,6 +174,7 @@ def test_folders_are_read_bit_by_bit(seen, tmp_path, without_rendering):
     assert part.n == 3 and part.covariance.n == 3 and set(part.points.row) == {0, 1, 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "change", "words"),
     [

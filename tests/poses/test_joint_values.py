@@ -73,6 +73,7 @@ def test_synchronised_joints_are_those_at_the_time_of_the_pose(rng, rates):
     assert uq.synchronise(uq.Stream(times, robot.poses), camera, offset=0.35).poses.joints is None
 
 
+@pytest.mark.slow
 def test_stops_take_the_mean_of_their_joints(rng):
     """Five stops: the joints of each are constant but for noise."""
     poses = random_transforms(rng, (5,))

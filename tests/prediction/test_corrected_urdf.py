@@ -53,6 +53,7 @@ def test_only_what_the_data_know_is_exported(result):
     assert f"{1e3 * found.by_functions:.2f} mm" in found.text.split("-->")[0]
 
 
+@pytest.mark.slow
 def test_all_of_the_geometry_can_be_written(result):
     found = corrected_urdf(result.kinematics, SIX_AXES, 1.0)
     again = Kinematics.from_urdf(found.text, tip="tool0")

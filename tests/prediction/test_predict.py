@@ -196,6 +196,7 @@ def test_no_joints_make_no_predictions(rng):
     assert result.predict([0, 0, 0.3], np.zeros((0, 6))).covariance.shape == (0, 3, 3)
 
 
+@pytest.mark.slow
 def test_the_controller_may_have_a_base_and_a_tool_of_its_own(rng):
     """The same rig, told in the frames of the controller: the same camera poses are predicted."""
     found = rig(rng, n=25)
@@ -211,6 +212,7 @@ def test_the_controller_may_have_a_base_and_a_tool_of_its_own(rng):
         assert (np.abs(ratio - 1) < 5e-3).all()
 
 
+@pytest.mark.slow
 def test_a_controller_that_knows_its_arm_better_says_where_it_is(rng):
     """Poses by the controller's own calibration: they are needed beside the joints, and improve what is predicted."""
     found = rig(rng, sd={group: 6 * sd for group, sd in GEOMETRY.items()})

@@ -97,6 +97,7 @@ def test_the_tool_is_at_the_flange_where_nothing_is_said():
     assert result.predict(np.zeros((5, 1, 3)), reached_at=there).covariance.shape == (5, 2, 3, 3)
 
 
+@pytest.mark.slow
 def test_refusals():
     result, _, _ = calibrated(np.random.default_rng(SEED), "eye-in-hand", 12)
     for options in (

@@ -484,6 +484,7 @@ def noisy(seed, N, log_sd):
     return rng, A, B, uq.solve(A, B), 1e-12 * (s[0] / (s[1] + np.sign(np.linalg.det(H)) * s[2])) ** 2
 
 
+@pytest.mark.slow
 @holds_for(**NOISY)
 def test_frames_of_A_and_B_are_free(seed, N, log_sd):
     """(P A P^-1, Q B Q^-1) has the solution P X Q^-1: gripper and camera frames may be chosen at will."""
@@ -495,6 +496,7 @@ def test_frames_of_A_and_B_are_free(seed, N, log_sd):
     assert error(only_A, P @ X) < 100 * tolerance
 
 
+@pytest.mark.slow
 @holds_for(**NOISY)
 def test_roles_of_A_and_B_are_free(seed, N, log_sd):
     """A X = X B and B X^-1 = X^-1 A: the paper's naming gives the inverse of our X."""
@@ -502,6 +504,7 @@ def test_roles_of_A_and_B_are_free(seed, N, log_sd):
     assert error(uq.solve(B, A), np.linalg.inv(X)) < 10 * tolerance
 
 
+@pytest.mark.slow
 @holds_for(**NOISY)
 def test_order_and_sense_of_the_pairs_are_free(seed, N, log_sd):
     rng, A, B, X, tolerance = noisy(seed, N, log_sd)
@@ -529,6 +532,7 @@ def test_units_are_free(seed, N, log_sd, log_unit):
     np.testing.assert_allclose(one[:3, 3] / unit, other[:3, 3], rtol=0, atol=1e3 * tolerance)
 
 
+@pytest.mark.slow
 @holds_for(**NOISY, repeat=st.integers(2, 5))
 def test_repeating_all_pairs_changes_nothing(seed, N, log_sd, repeat):
     _, A, B, X, tolerance = noisy(seed, N, log_sd)

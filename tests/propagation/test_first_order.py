@@ -195,6 +195,7 @@ def test_calibrate_says_it_too(rng, method):
     assert sum(said in text for text in result.warnings) == 1
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_ordinary_data():
     """Real sizes of noise, few poses and many, both methods, all pairs and consecutive ones."""
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

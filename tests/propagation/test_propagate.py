@@ -87,6 +87,7 @@ def noisy_poses(rng, n, setup="eye-in-hand", sd=0.02):
 # -------------------------------------------------------------------------------------------- pairs, T3
 
 
+@pytest.mark.slow
 @SCALES
 @pytest.mark.parametrize("shapes", [((), ()), ((7,), (7,)), ((), (7,)), (None, ()), ((7,), None)], ids=str)
 def test_pairs(rng, scale, tolerance, shapes):
@@ -467,6 +468,7 @@ def test_paper_route_tends_to_the_limit(rng):
     assert off(1e6) < 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [3.0, 30.0, 300.0])
 @pytest.mark.parametrize("sides", ["A", "B", "AB"])
 def test_octonion_covariance(rng, scale, sides):

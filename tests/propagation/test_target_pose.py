@@ -95,6 +95,7 @@ def test_statistics_of_W(method, setup):
         assert not is_consistent(errors, 1.2**2 * covariance)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_what_is_not_determined_is_not_given(rng):
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=1)

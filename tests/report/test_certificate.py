@@ -54,6 +54,7 @@ def made(result, **options):
     return uq.make_certificate(result, issued=ISSUED, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_every_number_is_that_of_the_result_and_the_budget_adds_up(case, results):
@@ -96,6 +97,7 @@ def test_every_number_is_that_of_the_result_and_the_budget_adds_up(case, results
         assert worst_of(result)[0].dof == found.dof
 
 
+@pytest.mark.slow
 def test_correlations_are_those_of_drawn_errors(results):
     """The six numbers of poses that are drawn from the covariance."""
     result, rng = results["given"], np.random.default_rng(SEED)
@@ -128,6 +130,7 @@ def test_components_have_the_degrees_of_freedom_of_welch_and_satterthwaite(resul
     assert found.dof == pytest.approx(2 * v.sum() ** 2 / (v @ R @ v), rel=1e-9) and np.isfinite(found.dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_the_page_has_everything(case, results):
@@ -164,6 +167,7 @@ def test_what_is_not_usable_is_never_certified(results, tmp_path):
         assert number not in everything
 
 
+@pytest.mark.slow
 def test_a_lower_limit_is_marked(results):
     marked = uq.calibrate(simulated(), shared=[])  # residuals cannot show what all poses share
     assert marked.accuracy.lower_limit
@@ -204,6 +208,7 @@ def test_the_identifier_is_that_of_the_contents(results):
     assert one.to_dict()["identifier"] == one.identifier
 
 
+@pytest.mark.slow
 def test_a_stored_result_gives_the_same(results, tmp_path):
     for case in ("estimated", "published"):
         path = tmp_path / "result.json"

@@ -103,6 +103,7 @@ def test_what_the_calibration_left_open_raises_no_alarm():
     assert free.arms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -243,6 +244,7 @@ def test_what_is_not_the_same_widens_the_test():
     assert all(one.least_shift >= least[one.name] - 1e-12 for one in other.moves)
 
 
+@pytest.mark.slow
 def test_a_log_of_checks_of_a_rig_shows_what_moves(tmp_path):
     exact, truth = simulate_rig(*HAND, n_poses=40, seed=7)
     noise = noise_of(exact)
@@ -267,6 +269,7 @@ def test_a_log_of_checks_of_a_rig_shows_what_moves(tmp_path):
         uq.read_checks(tmp_path / "log.csv", uq.calibrate_rig(exact, noise))
 
 
+@pytest.mark.slow
 def test_an_update_is_the_calibration_of_all_views():
     exact, _ = simulate_rig(*HAND, n_poses=30, seed=7)
     noise = noise_of(exact)

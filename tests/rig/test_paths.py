@@ -119,6 +119,7 @@ def test_a_move_is_found_with_noise_estimated():
     assert names == ["b"] * 5
 
 
+@pytest.mark.slow
 def test_paths_in_text_and_in_the_file():
     exact, _ = simulate_rig(*HAND, n_poses=40, seed=5)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)

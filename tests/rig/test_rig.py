@@ -211,6 +211,7 @@ def test_a_start_far_away_is_left_by_as_many_steps_as_it_takes():
     assert not found.optimality.proven
 
 
+@pytest.mark.slow
 def test_shared_errors_by_name():
     exact, _ = simulate_rig({"c1": "arm", "c2": "arm"}, {"t": "world"}, n_poses=15, seed=5)
     rig = with_noise(exact, noise_of(exact), 1)
@@ -395,6 +396,7 @@ def test_a_calibrated_camera_has_no_intrinsics_of_the_table_beside_its_own(tmp_p
         uq.View("c", "t", POSES, None, np.eye(6), "", np.zeros((3, 6, 2)))
 
 
+@pytest.mark.slow
 def test_a_wrong_robot_pose_does_not_make_the_noise_of_the_arm():
     """It takes the blame for its views, whose weights stay 1: they say nothing of the noise."""
     noise = dict.fromkeys(("arm", "one", "two"), ("0.5mrad", "0.3mm"))

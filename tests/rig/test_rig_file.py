@@ -322,6 +322,7 @@ def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, messag
 # ------------------------------------------------------------------------------- exports
 
 
+@pytest.mark.slow
 def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
@@ -361,6 +362,7 @@ def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
 # ------------------------------------------------------------------------------- report
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, capsys):
     path = two_on_the_hand
     more = ["--report", path / "r.html", "--tolerance", "5mm,1deg", "--about", "cell=Cell 4"]

@@ -176,6 +176,7 @@ def test_corners_by_known_intrinsics_carry_their_errors(tmp_path):
     assert result.rig.views[0].intrinsics.shape[2] == 4
 
 
+@pytest.mark.slow
 def test_wrong_corners_and_pictures_are_left_out(tmp_path):
     with_corners(tmp_path, 3)
     before = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
@@ -250,6 +251,7 @@ def test_a_bag_is_a_source_with_a_clock_for_each_camera(bag):
     assert np.linalg.norm(error(late.relative("left", "right"), relative)) > 5 * np.linalg.norm(np.r_[turn, shift])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -68,6 +68,7 @@ def test_samples_give_x_with_its_covariance(setup, tmp_path):
     np.testing.assert_allclose(kept.covariance, expected.covariance, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_not_usable_is_an_error_and_no_calibration(tmp_path):
     poses = uq.simulate(12, noise=NOISE, seed=2)
     camera = poses.camera.copy()
@@ -97,6 +98,7 @@ def motions(poses):
     return found.A, found.B
 
 
+@pytest.mark.slow
 def test_every_algorithm_has_a_method():
     poses, backend = uq.simulate(8, noise=NOISE, seed=4), EasyHandeyeBackend(noise=NOISE)
     for name in backend.AVAILABLE_ALGORITHMS:

@@ -114,6 +114,7 @@ def test_files_that_are_no_bags(tmp_path):
         read_recording([])
 
 
+@pytest.mark.slow
 def test_a_folder_without_metadata_and_a_renamed_file(tmp_path):
     path = cell(tmp_path, "mcap")
     (path / "metadata.yaml").unlink()
@@ -122,6 +123,7 @@ def test_a_folder_without_metadata_and_a_renamed_file(tmp_path):
     assert "got 2 files. ros2 bag reindex writes a metadata.yaml" in refused(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_topics_without_messages_and_nothing_to_read(tmp_path, kind):
     with Writer(tmp_path, kind) as bag:
@@ -168,6 +170,7 @@ def test_values_that_are_no_poses(tmp_path):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_huge_bag_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     path = cell(tmp_path, "mcap")
     monkeypatch.setattr(track, "MAX_ROWS", 50)

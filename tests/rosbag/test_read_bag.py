@@ -204,6 +204,7 @@ def test_a_bag_of_ros_2_without_definitions_and_frames_with_slashes(tmp_path):
     np.testing.assert_allclose(camera.poses, C, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_poses_of_tf_are_taken_until_the_tag_has_a_side(tmp_path):
     X, W = random_transforms(np.random.default_rng(2), (2,))
     path, _, _, C = write_tags(tmp_path, "mcap", X, W, noise=0.3, tf=True, n=20)
@@ -215,6 +216,7 @@ def test_poses_of_tf_are_taken_until_the_tag_has_a_side(tmp_path):
     assert 1e-5 < np.abs(by_corners.stream.poses - C).max() < 0.2 and not by_corners.hint
 
 
+@pytest.mark.slow
 def test_frames_without_a_name_and_frames_the_other_way_round(tmp_path):
     X, W = random_transforms(np.random.default_rng(2), (2,))
     _, times, _, C = write_tags(tmp_path, "mcap", X, W, n=5)
@@ -232,6 +234,7 @@ def test_frames_without_a_name_and_frames_the_other_way_round(tmp_path):
     np.testing.assert_allclose(turned @ C, np.tile(np.eye(4), (5, 1, 1)), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_no_camera_info_asks_for_the_matrix(tmp_path):
     X, W = random_transforms(np.random.default_rng(2), (2,))
     path, *_ = write_tags(tmp_path, "mcap", X, W, n=5, info=False)

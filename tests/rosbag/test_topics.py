@@ -78,6 +78,7 @@ def test_markers(tmp_path, poses, named):
         camera_stream(recording, "/markers")
 
 
+@pytest.mark.slow
 def test_odometry_joints_and_the_guess(tmp_path, poses):
     with Writer(tmp_path, "mcap") as bag:
         for k, T in enumerate(poses):

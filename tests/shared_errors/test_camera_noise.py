@@ -182,6 +182,7 @@ def test_a_robot_whose_noise_hides_the_pixels_leaves_them_open(rng):
     assert "not identifiable" in str(pixels)
 
 
+@pytest.mark.slow
 def test_wrong_poses_are_found_all_the_same(rng):
     poses, rounded, X, _ = finished(rng, 20)
     camera = poses.camera.copy()

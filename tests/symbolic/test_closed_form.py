@@ -83,6 +83,7 @@ def test_every_form_is_a_function():
         assert form.equation in getattr(cf, name).__doc__
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(FORMS))
 def test_batches_and_precision(rng, name):
     form, function = FORMS[name], getattr(cf, name)

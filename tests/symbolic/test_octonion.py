@@ -40,6 +40,7 @@ def test_rotation_is_in_so4():
     assert R.subs(point).det() == scale.subs(point) ** 2
 
 
+@pytest.mark.slow
 @LINES
 def test_columns_factor(i):
     """(20): column i of R is P_i(sigma) sigma."""
@@ -59,6 +60,7 @@ def test_factors_are_orthonormal(factor, i):
     assert identical(factor(i, SIGMA) * factor(i, SIGMA).T, SIGMA.dot(SIGMA) * eye(4))
 
 
+@pytest.mark.slow
 @LINES
 @pytest.mark.parametrize("factor", [P, Q])
 def test_factors_are_symmetric_maps(factor, i):

@@ -42,6 +42,7 @@ def test_table_is_complete():
     assert set(PRINTED) == {"R_L", "R_R", "K", *(f"{x}_{i}" for x in "PQ" for i in range(1, 5)), *sixteen}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(PRINTED))
 def test_against_the_paper(name):
     """Every printed entry agrees, except the errata listed above."""

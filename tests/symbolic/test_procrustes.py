@@ -34,6 +34,7 @@ def test_W_is_the_objective_of_problem_1():
     assert W(H) == W(H).T
 
 
+@pytest.mark.slow
 def test_W_is_the_left_side_of_22():
     left = zeros(8, 1)
     for i in range(1, 5):
@@ -70,6 +71,7 @@ def test_determinant_of_W():
     assert of_W.expand() == of_K.expand()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("j", "k"), INDICES)
 def test_J_is_the_residual(j, k):
     """(29)-(31): (E R - R Z)[k, j] = q_L^T J_jk q_R for all E, Z, q_L, q_R."""

@@ -103,6 +103,7 @@ def test_clocks_of_any_origin(plain, robot_shift, camera_shift):
     assert moved.offset_std == pytest.approx(sync.offset_std, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_order_does_not_matter(plain):
     *_, robot, camera, sync = plain
     rng = np.random.default_rng(SEED)
@@ -122,6 +123,7 @@ def test_a_fifth_of_wrong_detections(plain):
     assert abs(sync.offset - OFFSET) < 4 * sync.offset_std < 2e-3
 
 
+@pytest.mark.slow
 def test_exact_streams():
     """Without noise what is left is what interpolation misses; the offset is right to a microsecond."""
     _, _, robot, camera = case(noise=((0, 0), (0, 0)), rates=(500.0, 20.0))

@@ -81,6 +81,7 @@ def test_millimetres_are_recognised(cell):
     assert small.returncode == 2 and "Give --units m." in small.stderr
 
 
+@pytest.mark.slow
 def test_inverted_robot_poses_are_named(cell):
     _, result, case = cell
     found = uq.verify(result, replace(case, robot=inverse(case.robot)))
@@ -100,6 +101,7 @@ def test_one_touch_and_one_wrong_point(cell):
     assert "such as" not in found.summary()
 
 
+@pytest.mark.slow
 def test_the_next_touch_tells_what_it_promises(cell):
     """The detectable bias after the proposed touches, by touches made there."""
     _, result, case = cell

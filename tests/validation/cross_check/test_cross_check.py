@@ -259,6 +259,7 @@ def test_a_run_that_was_cut_short_says_so_first(monkeypatch):
         cross_check(data, noise=ON_POSES, trials=100)
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_posterior_keeps_the_trials(monkeypatch):
     def pressed(*args, **kwargs):
         raise KeyboardInterrupt

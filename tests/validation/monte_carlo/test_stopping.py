@@ -114,6 +114,7 @@ def test_one_digit_is_singular(rng):
     assert [str(Finding(STABLE, "note", {"digits": k})) for k in (1, 2)] == ["stable to 1 digit", "stable to 2 digits"]
 
 
+@pytest.mark.slow
 def test_numbers_that_drift_do_not_become_stable(rng):
     """A run whose spread grows from block to block never gets two digits, where a steady one does."""
     P = np.eye(6)

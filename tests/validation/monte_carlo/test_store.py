@@ -86,6 +86,7 @@ def test_killed_at_any_moment_and_resumed(tmp_path, trials, workers, kills):
     assert_same(resumed, monte_carlo(poses_of_program(), **options))
 
 
+@pytest.mark.slow
 def test_files(finished, whole):
     assert sorted(path.name for path in finished.iterdir()) == ["chunks", "manifest.json", "result.json"]
     assert sorted(path.name for path in (finished / "chunks").iterdir()) == CHUNKS
@@ -106,6 +107,7 @@ def test_what_is_there_is_not_worked_out_again(problem, folder, whole):
     assert_same(again, whole)
 
 
+@pytest.mark.slow
 def test_a_run_is_extended(problem, folder):
     assert_same(run(problem, folder, trials=9_000, resume=True), run(problem, trials=9_000))
     with pytest.raises(InputError, match=r"asked for 9,000 trials: resume it with as many or more, got 6,500"):
@@ -330,6 +332,7 @@ def test_what_a_manifest_says_cannot_fill_the_screen(problem, folder):
         run(problem, folder, resume=True)
 
 
+@pytest.mark.slow
 def test_links_are_replaced_and_not_followed(problem, folder, whole, tmp_path):
     for name in ("manifest.json", "result.json"):
         shutil.move(folder / name, tmp_path / name)
@@ -353,6 +356,7 @@ def test_a_refusal_lets_go_of_the_folder(problem, folder):
     assert first.value and second.value
 
 
+@pytest.mark.slow
 def test_a_run_that_ended_early_says_what_is_there(problem, tmp_path):
     run(problem, tmp_path / "run", digits=1, trials=10_000)
     for path in sorted((tmp_path / "run" / "chunks").iterdir())[4:]:
