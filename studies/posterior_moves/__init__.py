@@ -156,11 +156,11 @@ def findings(tables: Tables) -> str:
     behind = (others.max(axis=1) / others[MIX]).max()
     named = "; ".join(f"{moves} in {count}" for moves, count in best["moves"].value_counts().items())
     short = (~table["long_enough"].astype(bool)).sum()
-    mix = ", ".join(f"{100 * share:g} %" for share in (moves_of.__defaults__ or ((),))[0])
+    shares = ", ".join(f"{100 * share:g} %" for share in (moves_of.__defaults__ or ((),))[0])
     return "\n\n".join(
         [
             f"Proposal of the independence move: Student-t of {posterior_moves.PROPOSAL_DOF:g} degrees of freedom; "
-            f"mix of the package: {mix} independence, "
+            f"mix of the package: {shares} independence, "
             "differential "
             "evolution, snooker. Effective samples of the worst coordinate per second of sampling, as multiples of the "
             "stretch move's on the same posterior.",

@@ -5,13 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from ..core.presentation.document import Block, Paragraph, Points, Section
-from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
-
-if TYPE_CHECKING:
-    pass
 
 # Sections for those who repeat the run or take X into their software.
 FOR_PROGRAMMERS = ("forms", "repeat")

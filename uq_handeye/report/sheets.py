@@ -17,7 +17,6 @@ from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ..core.numbers.limits import MAX_NAMED
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
-from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
 from .sections import colour_of, needs
 
 if TYPE_CHECKING:

@@ -28,11 +28,11 @@ from scipy.special import chdtrc, fdtrc
 from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
 from ...core.numbers.levels import CONTRADICTED, UNUSUAL
+from ...core.numbers.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
 from ...model.noise.square_roots import Covariance, cholesky_of, gram, is_joint, pulled, rows_of, whiten
 from ...model.poses.motions import Motions
-from ...model.poses.pose_numbers import MIN_POSES
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import Fit, inverse_information
 

@@ -18,10 +18,11 @@ from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
-from ...core.geometry.se3 import Array, difference
+from ...core.geometry.se3 import difference
 from ...core.numbers.levels import DOUBTFUL, UNUSUAL
 from ...errors import InputError
 from ...findings import Finding
+from ...model.noise.joint_covariance import Index
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import ROBOT, THINGS, others_by_pictures
@@ -172,7 +173,7 @@ def _of_change(
         listed = "; another ".join(f"{thing} ({words})" for thing, words in others.items())
         return CANNOT_TELL, [Finding("maintenance.another_rig", "caution", {"things": listed})]
 
-    def d2_of(again: PosePairs, rows: Array | None = None) -> float:
+    def d2_of(again: PosePairs, rows: Index | None = None) -> float:
         of, q = (noise, joints) if rows is None else (
             None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
         )  # fmt: skip
@@ -180,8 +181,10 @@ def _of_change(
 
     first = causes.named
     lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
-    other = misread(
-        result.X, result.W, poses, evidence, d2_of, **{"least_factor": MIN_FACTOR_BESIDE_LENS} if lens else {}
+    other = (
+        misread(result.X, result.W, poses, evidence, d2_of, least_factor=MIN_FACTOR_BESIDE_LENS)
+        if lens
+        else misread(result.X, result.W, poses, evidence, d2_of)
     )
     if other is None and first is not None and first.name == TARGET_SIZE:
         other = scale_finding("camera", float(1.0 + first.estimate[0]))

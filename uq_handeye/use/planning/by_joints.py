@@ -55,7 +55,7 @@ def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: Pla
     task = None
     if asked.criterion == PREDICTION:
         given = asked.task is not None
-        at = _inside(chain, asked.task, "task") if given else chain.spread(n_task)
+        at = chain.spread(n_task) if asked.task is None else _inside(chain, asked.task, "task")
         task, more = _ahead(result, chain, at), more | {"task": at, "task_given": given}
     return planned(known, _ahead(result, chain, q), asked, task, joints=q, **more)
 

@@ -29,7 +29,8 @@ the place of the missing information (`weak_prior`), and `Plan.open_directions` 
 from __future__ import annotations
 
 import warnings
-from typing import Any, overload
+from collections.abc import Mapping
+from typing import Any, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -117,7 +118,7 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
     if isinstance(data, RigCalibration):
         of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
         require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
-        return plan_rig(data, candidates, k, **of_rig)
+        return plan_rig(data, cast("Mapping[str, ArrayLike] | None", candidates), k, **of_rig)
     require_type("data", data, PosePairs, "PosePairs")
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")

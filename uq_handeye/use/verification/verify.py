@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -208,8 +208,10 @@ def robot_covariance(noise: tuple[str | float, str | float] | ArrayLike | None) 
     """Covariance (6, 6) of one robot pose by the standard deviations of rotation and translation, or itself."""
     if noise is None:
         return None
-    if np.ndim(noise) == 1 and len(noise) == 2:
-        return np.diag(np.repeat(parse_deviations(tuple(noise), "robot_noise (--robot-noise)"), 3) ** 2)
+    if np.shape(noise) == (2,):
+        rotation, translation = cast("tuple[str | float, str | float]", noise)
+        sd = np.array(parse_deviations((rotation, translation), "robot_noise (--robot-noise)"))
+        return np.diag(np.repeat(sd, 3) ** 2)
     return np.asarray(as_numbers(noise, "robot_noise"))
 
 
@@ -227,7 +229,7 @@ def tool_deviation(sd: float | str) -> float:
 
 
 def _length(value: float | str | ArrayLike, name: str) -> Array:
-    return as_numbers(value if np.ndim(value) else parse_length(value, name), name)
+    return as_numbers(value if np.ndim(value) else parse_length(cast("str | float", value), name), name)
 
 
 def _findings(

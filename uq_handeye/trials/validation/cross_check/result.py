@@ -94,9 +94,9 @@ class CrossCheck(Outcome):
         lines = []
         for row in self.rows:
             plain = row.to_dict()
-            std, interval = plain.pop("std"), plain.pop("nees_interval")
-            del plain["covariance"]
-            plain |= dict(zip(names, std or [None] * 6, strict=True))
-            plain |= dict(zip(("nees_low", "nees_high"), interval or (None, None), strict=True))
+            for part in ("std", "nees_interval", "covariance"):
+                del plain[part]
+            plain |= dict(zip(names, [None] * 6 if row.std is None else row.std, strict=True))
+            plain |= dict(zip(("nees_low", "nees_high"), row.nees_interval or (None, None), strict=True))
             lines.append(plain)
         return pd.DataFrame(lines).set_index("key")
