@@ -14,8 +14,9 @@ import warnings
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.tolerance import MET, Tolerance, probability_within
+from uq_handeye.calibration.statement.tolerance import Tolerance, probability_within
 from uq_handeye.core.geometry.se3 import logarithm
+from uq_handeye.core.numbers.levels import INTERVAL
 from uq_handeye.errors import InputError, NotConvergedError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.fit.likelihood.reference import Reference
@@ -51,7 +52,7 @@ def session(look, tolerance, seed):
             X, p = look(poses.rows(np.arange(k)), tolerance)
         except (InputError, NotConvergedError):
             continue
-        if p >= MET:
+        if p >= INTERVAL.probability:
             return k, p, within(X, poses.truth.X, tolerance)
     return None
 
