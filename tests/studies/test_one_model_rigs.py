@@ -44,14 +44,15 @@ def test_inverse_kinematics_reach_what_they_say(name, rng):
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("spread", SPREADS)
 def test_without_errors_the_truth_is_exact(setup, spread, rng):
+    """To 0.1 um, where the pose from exact corners ends in either version of OpenCV."""
     of = arm_set("ur5", 0.0, rng, n=12, setup=setup, spread=spread, **EXACT)
     robot = of.poses.robot if setup == "eye-in-hand" else inverse(of.poses.robot)
-    np.testing.assert_allclose(robot @ of.X_true @ of.poses.camera, np.tile(of.W_true, (12, 1, 1)), atol=1e-8)
+    np.testing.assert_allclose(robot @ of.X_true @ of.poses.camera, np.tile(of.W_true, (12, 1, 1)), atol=1e-7)
     motions = uq.relative_motions(of.poses)
     X = uq.solve(motions.A, motions.B, method="park")
     assert np.abs(left_errors(X, of.X_true)).max() < 1e-9
     assert of.near is not None and of.far is not None
-    np.testing.assert_allclose(of.far.seen, of.far.true_camera, atol=1e-8)
+    np.testing.assert_allclose(of.far.seen, of.far.true_camera, atol=1e-7)
 
 
 @pytest.mark.parametrize("name", ["irb120", "panda"])

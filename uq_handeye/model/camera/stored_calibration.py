@@ -63,7 +63,7 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
-        found = calibration_from_parts(fields_of(tree), corners, used, arrays, shown(path / INTRINSICS))
+        found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
         _numbers(arrays, "shared", found.covariance.shared.shape)
     rows, poses = read_pose_file(path / POSES)
     if not (
