@@ -30,7 +30,8 @@ from matplotlib.figure import Figure
 import uq_handeye as uq
 from studies.common.gtsam_graphs import gtsam_graphs
 from studies.common.study import Study, Tables, markdown
-from uq_handeye.core.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, INK, ORANGE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.methods.propagation.all_pairs import solve_all_pairs

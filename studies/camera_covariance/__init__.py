@@ -25,7 +25,7 @@ from studies.common.quantiles import quantile_figure
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import inverse, perturb
-from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, ORANGE
+from uq_handeye.core.presentation.colours import BLUE, GREEN, ORANGE
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.constraint import Unknowns
 from uq_handeye.fit.likelihood.gauss_helmert import efficient

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from uq_handeye.core.presentation.figure_parts import GRID, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import GRID
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 Curve = tuple[ArrayLike, str, str, str]  # squared distances (n,), label, colour and style of the line
 

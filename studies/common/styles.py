@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, INK, ORANGE, PURPLE, SKY
+from uq_handeye.core.presentation.colours import BLUE, GREEN, INK, ORANGE, PURPLE, SKY
 
 YELLOW = "#B59B00"  # Okabe and Ito's yellow is too light on white
 _STYLES = {

@@ -32,7 +32,8 @@ from studies.common.study import Study, Tables
 from studies.common.styles import style
 from studies.efficiency.findings import NEES, deviations_between, findings, first_order, means_between, rows_of
 from studies.efficiency.rig import METHODS, SWEEPS, Setting, Size, Sweep, cell, motions
-from uq_handeye.core.presentation.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import GRID, INK, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.core.runtime.threads import one_thread
 

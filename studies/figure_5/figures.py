@@ -15,19 +15,8 @@ from scipy.stats import chi2
 from studies.common.study import Tables
 from studies.figure_5.findings import by_row
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.core.presentation.figure_parts import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    PURPLE,
-    QUIET,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from uq_handeye.core.presentation.colours import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 RADIUS = float(np.sqrt(chi2.ppf(0.95, 2)))
 SYMBOLS = {f"{name}_{axis}": rf"$\{name}_{axis}$" for name in ("theta", "tau") for axis in "xyz"}

@@ -28,7 +28,8 @@ from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
 from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.core.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import GRID, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 
 SEED = 2019

@@ -10,18 +10,8 @@ from matplotlib.lines import Line2D
 
 from studies.common.study import Tables
 from studies.kinematics.findings import NAMES, WORDS
-from uq_handeye.core.presentation.figure_parts import (
-    BLUE,
-    GREEN,
-    GRID,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from uq_handeye.core.presentation.colours import BLUE, GREEN, GRID, ORANGE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 STYLES = {
     "declared": (GREEN, "s", "joints, scales declared"),

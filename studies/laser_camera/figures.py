@@ -16,18 +16,8 @@ from studies.common.scores import true_means
 from studies.common.study import Tables
 from studies.laser_camera import rig as rig
 from studies.laser_camera.estimates import AXES, DRIFT, EFFICIENT, PAPER, TOLD
-from uq_handeye.core.presentation.figure_parts import (
-    BLUE,
-    INK,
-    ORANGE,
-    QUIET,
-    SKY,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from uq_handeye.core.presentation.colours import BLUE, INK, ORANGE, QUIET, SKY
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 ENLARGED = 10.0
 

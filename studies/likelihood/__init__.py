@@ -27,7 +27,8 @@ from studies.common.scores import CERTAIN, errors, nees, true_means
 from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
-from uq_handeye.core.presentation.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import GRID, INK, ORANGE
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood

@@ -26,7 +26,8 @@ from scipy.special import ndtr
 
 from studies.one_model.chains import Array
 from studies.one_model.ranks import AXES, CELLS, drawn, model_of
-from uq_handeye.core.presentation.figure_parts import BLUE, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, ORANGE
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.fit.one_model.integration import Mixture
 

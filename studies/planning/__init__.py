@@ -27,7 +27,8 @@ from studies.planning.sessions import (
     more_candidates,
     real_poses,
 )
-from uq_handeye.core.presentation.figure_parts import BLUE, GRID, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, GRID, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 
 QUICK = 24  # sessions

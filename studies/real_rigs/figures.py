@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from studies.common.study import Tables
-from uq_handeye.core.presentation.figure_parts import BLUE, GRID, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, GRID, ORANGE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 STYLES = {"alone": (ORANGE, "o", "independent, nothing shared"), "default": (BLUE, "D", "by default")}
 

@@ -28,20 +28,8 @@ from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from studies.registration.covariance import covariance_rows, eigenvalue_interval, quest_rows, wahba_rows
 from studies.registration.forms import FORMS, POINTS, SCIPY, SVD, agreement_rows, printed_rows, time_rows
-from uq_handeye.core.presentation.figure_parts import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    PURPLE,
-    QUIET,
-    SKY,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from uq_handeye.core.presentation.colours import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, SKY
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 SEED = 2019
 

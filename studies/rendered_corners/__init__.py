@@ -28,7 +28,8 @@ from studies.common.pictures import Camera, picture
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, GRID, ORANGE
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.model.camera.adjustment.opencv import opencv

@@ -23,7 +23,8 @@ from studies.scaling_factor.curves import (
     curve,
     with_ratios,
 )
-from uq_handeye.core.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import BLUE, INK, ORANGE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 _LOOK = {"double": (BLUE, "-"), "single": (ORANGE, "--")}
 _MARKERS = dict(zip(LENGTHS, (("o", 7.5), ("s", 5.5), ("D", 3.5), ("x", 3.0)), strict=True))

@@ -12,18 +12,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from studies.common.study import Tables
 from studies.shared_poses.findings import AWARE, INDEPENDENT, NAMES, numbers_of_poses
-from uq_handeye.core.presentation.figure_parts import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from uq_handeye.core.presentation.colours import BLUE, GREEN, INK, ORANGE, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 STYLES: dict[str, tuple[str, str, Any]] = {
     "disjoint": (GREEN, "^", ":"),

@@ -10,7 +10,8 @@ from matplotlib.lines import Line2D
 from studies.common.study import Tables
 from studies.common.styles import style
 from studies.table_1.findings import ACCURACY, SPEED, summary
-from uq_handeye.core.presentation.figure_parts import GRID, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import GRID, INK, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 
 def figures(tables: Tables) -> dict[str, Figure]:

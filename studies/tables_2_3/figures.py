@@ -14,7 +14,8 @@ from studies.common.paper_tables import PAPER
 from studies.common.study import Tables
 from studies.common.styles import style
 from studies.tables_2_3.findings import BOUND, OTHERS, PAPER_SCALE, TRUTH, of
-from uq_handeye.core.presentation.figure_parts import INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.colours import INK, QUIET
+from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 
 
 def figures(tables: Tables) -> dict[str, Figure]:

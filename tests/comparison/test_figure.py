@@ -11,8 +11,8 @@ from fixtures.comparisons import compare
 from support import moved
 
 import uq_handeye as uq
+from uq_handeye.core.presentation.colours import BLUE, ORANGE
 from uq_handeye.core.presentation.ellipses import render
-from uq_handeye.core.presentation.figure_parts import BLUE, ORANGE
 from uq_handeye.report.comparison.compare import Row, against
 from uq_handeye.report.comparison.figure import comparison_picture
 

@@ -20,8 +20,9 @@ from uq_handeye.calibration.report.figures import budget_figure, shared_figure, 
 from uq_handeye.calibration.report.points_ahead import ahead
 from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
+from uq_handeye.core.presentation.colours import BLUE, GREEN
 from uq_handeye.core.presentation.ellipses import render
-from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
+from uq_handeye.core.presentation.figure_parts import WIDTH, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate

@@ -15,17 +15,8 @@ from matplotlib.figure import Figure
 
 from ...core.formatting.numbers import concise
 from ...core.geometry.se3 import Array
-from ...core.presentation.figure_parts import (
-    BLUE,
-    INK,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-)
+from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
+from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from ...fit.likelihood.shared_groups import SharedGroup
 from ..estimate.estimated import distance_of
 from .budget import KINDS

@@ -15,20 +15,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_DRAWN_POINTS, MAX_NAMED
-from ...core.presentation.figure_parts import (
-    BLUE,
-    HALO,
-    INK,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    WIDTH,
-    canvas,
-    finished,
-    plain,
-    plain_numbers,
-)
+from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
+from ...core.presentation.figure_parts import HALO, SMALL, TEXT, WIDTH, canvas, finished, plain, plain_numbers
 from ...fit.diagnostics.pose_table import PoseTable
 
 if TYPE_CHECKING:

@@ -25,19 +25,8 @@ from scipy.special import chdtri
 
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.presentation.figure_parts import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    WIDTH,
-    NamedFigure,
-    plain,
-    round_number,
-)
+from ...core.presentation.colours import BLUE, GREEN, INK, ORANGE, QUIET
+from ...core.presentation.figure_parts import SMALL, TEXT, WIDTH, NamedFigure, plain, round_number
 from ...fit.diagnostics.pose_table import PoseTable
 from ...model.poses.pose_pairs import PosePairs
 

@@ -17,16 +17,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import TINY
-from ...core.presentation.figure_parts import (
-    INK,
-    ORANGE,
-    SMALL,
-    TEXT,
-    canvas,
-    finished,
-    plain,
-    plain_numbers,
-)
+from ...core.presentation.colours import INK, ORANGE
+from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain, plain_numbers
 from ..prediction.workspace import WorkspacePrediction
 
 if TYPE_CHECKING:

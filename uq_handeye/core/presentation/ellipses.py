@@ -29,6 +29,7 @@ from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
 from ..geometry.rotations import Rotation
 from ..geometry.se3 import Array
+from .colours import BLUE, GREEN, ORANGE, SKY
 from .figure_parts import NamedFigure, settle_layout
 from .figure_parts import render as render
 
@@ -36,14 +37,14 @@ LEVELS = (1, 2, 3)
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")
 PAIRS_WITHIN = ((0, 1), (1, 2), (0, 2))
 
-# Colours of Okabe and Ito, of clearly different lightness, each with its own line style: the ellipses
+# Colours of clearly different lightness, each with its own line style: the ellipses
 # can be distinguished in greyscale and by colour-blind readers.
 STYLES: tuple[tuple[str, Any], ...] = (
     ("black", "-"),
-    ("#56B4E9", "--"),
-    ("#D55E00", ":"),
-    ("#0072B2", "-."),
-    ("#009E73", (0, (6, 1, 1, 1, 1, 1))),
+    (SKY, "--"),
+    (ORANGE, ":"),
+    (BLUE, "-."),
+    (GREEN, (0, (6, 1, 1, 1, 1, 1))),
 )
 WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
 

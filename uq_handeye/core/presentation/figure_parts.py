@@ -1,7 +1,7 @@
-"""Common parts of figures: names and alternative texts, width, colours, canvas, and SVG for pages with several figures.
+"""Common parts of figures: names and alternative texts, width, canvas, and SVG for pages with several figures.
 
 All figures are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or
-more. Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and
+more. Colours are those of `colours`; hatches, markers or line styles say the same once more, for greyscale and
 colour-blind readers. This module imports Matplotlib; import it where it is used.
 """
 
@@ -25,12 +25,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ...errors import InputError
 from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
+from .colours import GRID, QUIET
 
 WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
-BLUE, ORANGE, SKY, GREEN, PURPLE = "#0072B2", "#D55E00", "#56B4E9", "#009E73", "#CC79A7"
-INK, QUIET, GRID = "0.15", "0.45", "0.87"
-ON_MAP = "0.2"  # marks on a coloured map, which is light also where the page is dark
 TEXT, SMALL = 8.5, 7.5  # points
 HALO = [withStroke(linewidth=2.2, foreground="white")]
 MAP_HALO = [withStroke(linewidth=2.2, foreground="#fefefe")]  # on a coloured map: white also where the page is dark

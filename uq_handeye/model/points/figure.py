@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_DRAWN_POINTS
-from ...core.presentation.figure_parts import BLUE, GRID, INK, ORANGE, SMALL, TEXT, NamedFigure, canvas, finished, plain
+from ...core.presentation.colours import BLUE, GRID, INK, ORANGE
+from ...core.presentation.figure_parts import SMALL, TEXT, NamedFigure, canvas, finished, plain
 from .posed import Posed
 
 

@@ -17,6 +17,7 @@ from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_DRAWN_POINTS
 from ...core.numbers.rounding import TINY
+from ...core.presentation.colours import BLUE, ORANGE
 from .correlation import Correlation
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of robot, camera and offset that colour-blind people can distinguish.
-ROBOT_COLOUR, CAMERA_COLOUR, OFFSET_COLOUR = "#0072B2", "#D55E00", "black"
+ROBOT_COLOUR, CAMERA_COLOUR, OFFSET_COLOUR = BLUE, ORANGE, "black"
 
 
 def sync_figure(

@@ -21,12 +21,13 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from ...core.geometry.se3 import Array
+from ...core.presentation.colours import BLUE, ORANGE
 from ...core.presentation.ellipses import LEVELS, SYMBOLS, display_unit
 from ...core.presentation.figure_parts import NamedFigure, settle_layout
 from .outcome import figure_of
 from .posterior.result import Posterior
 
-COLOUR, OVERLAY = "#0072B2", "#D55E00"
+COLOUR, OVERLAY = BLUE, ORANGE
 
 
 @figure_of.register

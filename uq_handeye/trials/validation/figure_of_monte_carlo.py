@@ -23,6 +23,7 @@ from scipy.special import gammaincinv
 from scipy.stats import binom
 
 from ...core.geometry.se3 import Array
+from ...core.presentation.colours import BLUE, ORANGE
 from ...core.presentation.figure_parts import NamedFigure
 from .monte_carlo.consistency import Consistency, smaller_tail
 from .monte_carlo.result import MonteCarlo, heading
@@ -30,7 +31,7 @@ from .monte_carlo.sums import ABOVE, BELOW, PARTS, SIZES, edges
 from .monte_carlo.text import nees_number, percent, verdict
 from .outcome import figure_of
 
-COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
+COLOURS = ("black", ORANGE, BLUE)  # of the parts
 
 
 @figure_of.register

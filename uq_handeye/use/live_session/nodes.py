@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
+from ...core.presentation.colours import rgb
 
 if TYPE_CHECKING:
     import viser
@@ -23,7 +24,7 @@ Colour = tuple[int, int, int]
 # A key that tells pictures apart, and a function that returns the pixels (h, w, 3).
 Picture = tuple[str, Callable[[], "NDArray[np.uint8] | None"]]
 
-PALE, DARK = (165, 165, 165), (90, 90, 90)
+PALE, DARK = rgb("#A5A5A5"), rgb("#5A5A5A")
 # Vertical field of view of the page.
 FIELD_OF_VIEW_RAD = float(np.radians(45.0))
 

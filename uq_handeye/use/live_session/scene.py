@@ -22,6 +22,7 @@ from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, inverse
 from ...core.numbers.limits import MAX_NAMED
 from ...core.numbers.rounding import EPS
+from ...core.presentation.colours import AMBER, BLUE, GREEN, PURPLE, rgb
 from ...model.kinematics.arms.newton import postures_at
 from ..verification.touches_file import read_touches, require_metres
 from ..verification.verify import verify
@@ -33,9 +34,7 @@ if TYPE_CHECKING:
     import viser
 
 # Residual 0, at the limit of chance; outliers; left out; next pose; X; arm.
-GOOD, LIMIT, WRONG, OUT, NEXT, OF_X, ARM = (
-    (0, 114, 178), (230, 159, 0), (213, 0, 50), (150, 150, 150), (0, 158, 115), (204, 121, 167), (120, 130, 145),
-)  # fmt: skip
+GOOD, LIMIT, WRONG, OUT, NEXT, OF_X, ARM = map(rgb, (BLUE, AMBER, "#D50032", "#969696", GREEN, PURPLE, "#788291"))
 # Poses that are drawn and can be clicked; of more, this many that are spread evenly.
 MAX_DRAWN_POSES = 150
 # Height of a camera that is drawn, and length of an enlarged ellipsoid, relative to the distance of the target.

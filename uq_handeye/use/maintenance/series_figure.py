@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.numbers.limits import MAX_NAMED
-from ...core.presentation.figure_parts import BLUE, GREEN, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
+from ...core.presentation.colours import BLUE, GREEN, ORANGE, QUIET
+from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from .log import CheckSeries
 
 

@@ -20,20 +20,8 @@ from matplotlib.ticker import MaxNLocator
 from ....core.formatting.numbers import fixed
 from ....core.formatting.units import MM_PER_M
 from ....core.geometry.se3 import Array
-from ....core.presentation.figure_parts import (
-    INK,
-    MAP_HALO,
-    ON_MAP,
-    ORANGE,
-    QUIET,
-    SMALL,
-    TEXT,
-    WIDTH,
-    Picture,
-    finished,
-    plain,
-    round_number,
-)
+from ....core.presentation.colours import INK, ON_MAP, ORANGE, QUIET
+from ....core.presentation.figure_parts import MAP_HALO, SMALL, TEXT, WIDTH, Picture, finished, plain, round_number
 from ..calibrated import Calibrated
 from .frames import framed, marked, named_axes, scale_beside
 from .text import board_pattern_words, board_words

@@ -12,16 +12,8 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from ....core.geometry.se3 import Array
-from ....core.presentation.figure_parts import (
-    MAP_HALO,
-    ON_MAP,
-    QUIET,
-    SMALL,
-    TEXT,
-    WIDTH,
-    canvas,
-    plain,
-)
+from ....core.presentation.colours import ON_MAP, QUIET
+from ....core.presentation.figure_parts import MAP_HALO, SMALL, TEXT, WIDTH, canvas, plain
 
 
 def framed(ratio: float, beside: float, more: float) -> tuple[Figure, Axes]:

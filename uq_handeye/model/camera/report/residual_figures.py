@@ -19,12 +19,8 @@ from matplotlib.ticker import MaxNLocator
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DRAWN_POINTS
+from ....core.presentation.colours import BLUE, GRID, INK, ORANGE, QUIET
 from ....core.presentation.figure_parts import (
-    BLUE,
-    GRID,
-    INK,
-    ORANGE,
-    QUIET,
     SMALL,
     TEXT,
     WIDTH,

@@ -11,15 +11,8 @@ from matplotlib.lines import Line2D
 
 from ....core.formatting.numbers import fixed
 from ....core.numbers.limits import MAX_DRAWN_POINTS
-from ....core.presentation.figure_parts import (
-    GREEN,
-    ON_MAP,
-    QUIET,
-    SMALL,
-    Picture,
-    finished,
-    plain,
-)
+from ....core.presentation.colours import GREEN, ON_MAP, QUIET
+from ....core.presentation.figure_parts import SMALL, Picture, finished, plain
 from ..calibrated import Calibrated, certainty, distances, tilts
 from .frames import framed, marked, named_axes, picture_canvas, scale_beside
 from .text import boards_words
