@@ -8,6 +8,9 @@ import numpy as np
 
 T = TypeVar("T")
 
+# What is an array or may contain one.
+HOLDERS_OF_ARRAYS = (np.ndarray, dict, tuple)
+
 
 class ReadOnlyArrays:
     """Base of a frozen dataclass whose arrays are read-only, also those within tuples and dicts.
@@ -16,7 +19,10 @@ class ReadOnlyArrays:
     """
 
     def __post_init__(self) -> None:
-        vars(self).update({name: read_only(value) for name, value in vars(self).items()})  # its fields, no more
+        fields = vars(self)
+        for name, value in fields.items():
+            if isinstance(value, HOLDERS_OF_ARRAYS):
+                fields[name] = read_only(value)
 
 
 def read_only(value: T) -> T:
@@ -29,7 +35,7 @@ def read_only(value: T) -> T:
         return cast(T, view)
     if isinstance(value, dict):
         return cast(T, {key: read_only(item) for key, item in value.items()})
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and any(issubclass(kind, HOLDERS_OF_ARRAYS) for kind in set(map(type, value))):
         items = [read_only(item) for item in value]
         if any(new is not old for new, old in zip(items, value, strict=True)):
             return cast(T, value._make(items) if hasattr(value, "_make") else tuple(items))

@@ -44,7 +44,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import PRODUCT_ROUNDING
+from ...core.numbers.rounding import PRODUCT_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.noise.cholesky import checked_cholesky, inverse_factor
 from ..likelihood.constraint import MIN_RESOLVED_SHARE, Linearised
@@ -213,6 +213,13 @@ class LatentModel(ReadOnlyArrays):
         """(m,) number of the component of each shared column."""
         return np.repeat(np.arange(len(self.components)), [part.count for part in self.components])
 
+    @cached_property
+    def _places(self) -> dict[int, slice]:
+        """Places in (x, z) of the shared columns, by the number of the component."""
+        ends = (self.p + np.cumsum([part.count for part in self.components])).tolist()
+        counts = [part.count for part in self.components]
+        return {k: slice(end - m, end) for k, (end, m) in enumerate(zip(ends, counts, strict=True)) if m}
+
     @property
     def p(self) -> int:
         """Number of unknowns of the poses."""
@@ -233,15 +240,25 @@ class LatentModel(ReadOnlyArrays):
         return {}
 
     @cached_property
+    def _latest(self) -> dict[bytes, Solved]:
+        """The last result of `solved`: what is computed at a mode is computed where the search ended."""
+        return {}
+
+    @cached_property
     def _prior_of_sizes(self) -> Array:
         """(k, k) information of the prior of the logarithms of the free sizes."""
         if self.covariance_of_sizes is None:
             return np.diag(1.0 / self.spreads**2)
         return np.asarray(np.linalg.inv(self.covariance_of_sizes))
 
+    @cached_property
+    def _usual_sizes(self) -> Array:
+        """(components,) medians of the sizes."""
+        return np.array([part.size.median for part in self.components])
+
     def sizes(self, theta: Array) -> Array:
         """(components,) sizes, known ones among them."""
-        found = np.array([part.size.median for part in self.components])
+        found = self._usual_sizes.copy()
         found[self.free] = np.exp(theta)
         return found
 
@@ -249,9 +266,13 @@ class LatentModel(ReadOnlyArrays):
 
     def solved(self, theta: Array) -> Solved:
         """Return f, the mean of x and z, and the factors of H."""
-        s = self.sizes(theta)
-        halves, grams, A, logs = self._whitened(s[None])
-        return replace(self._of_sums(theta, grams[0], float(logs[0])), halves=halves, A=A[0])
+        key = theta.tobytes()
+        if key not in self._latest:
+            self._latest.clear()
+            s = self.sizes(theta)
+            halves, grams, A, logs = self._whitened(s[None])
+            self._latest[key] = replace(self._of_sums(theta, s, grams[0], float(logs[0])), halves=halves, A=A[0])
+        return self._latest[key]
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
         """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` and ``sum log|L|`` at sizes s (t, components)."""
@@ -260,8 +281,8 @@ class LatentModel(ReadOnlyArrays):
         A[:, self.p : -1] *= s[:, self._owner, None]
         return tuple(half for half, _, _ in found), A @ A.mT, A, sum((log for _, _, log in found), np.zeros(len(s)))
 
-    def _of_sums(self, theta: Array, gram: Array, logs: float) -> Solved:
-        """Solve by the sums of `_whitened`."""
+    def _of_sums(self, theta: Array, s: Array, gram: Array, logs: float) -> Solved:
+        """Solve by the sums of `_whitened` at sizes s."""
         p = self.p
         if self.prior is not None:
             index = np.r_[:p, -1]
@@ -269,7 +290,7 @@ class LatentModel(ReadOnlyArrays):
         H, pull, square = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
         diagonal = np.einsum("ii->i", H)
         diagonal[p:] += 1.0
-        unit = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        unit = 1.0 / np.sqrt(np.maximum(diagonal, TINY))
         scaled = H * unit[:, None] * unit
         np.einsum("ii->i", scaled)[:] += PRODUCT_ROUNDING
         C, failed = dpotrf(scaled, lower=1)
@@ -277,11 +298,11 @@ class LatentModel(ReadOnlyArrays):
             raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
         half_way = dtrtrs(C, unit * pull, lower=1)[0]
         u = -unit * dtrtrs(C, half_way, lower=1, trans=1)[0]
-        logs = logs + float(np.log(np.diag(C) / unit).sum())
+        logs = logs + float(np.log(C.diagonal() / unit).sum())
         off = theta - self.medians
         pulled = self._prior_of_sizes @ off
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
-        return Solved(theta, self.sizes(theta), (), np.zeros((len(u) + 1, 0)), C, unit, u, value, pulled)
+        return Solved(theta, s, (), np.zeros((len(u) + 1, 0)), C, unit, u, value, pulled)
 
     def value(self, theta: Array) -> float:
         """f."""
@@ -299,7 +320,7 @@ class LatentModel(ReadOnlyArrays):
         whole = at.whole()
         inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
         columns = at.A[:-1]
-        Q = np.asarray(dtrmm(1.0, whole.T, columns.T, side=1, lower=0)).T  # whole A^T, (p + m, rows)
+        Q = np.asarray(dtrmm(1.0, whole, columns.T, side=1, lower=1, trans_a=1)).T  # whole A^T, (p + m, rows)
         e = at.A[-1] + at.u @ columns
         z, owner = at.u[p:], self._owner
         determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k).astype(float)  # integers of none
@@ -319,10 +340,9 @@ class LatentModel(ReadOnlyArrays):
 
     def information(self, at: Solved, slope: Slope) -> Array:
         """Return the average information (k, k) of the logarithms of the free sizes, with that of their priors."""
-        p, owner, e, Q = self.p, self._owner, slope.e, slope.Q
+        e, Q = slope.e, slope.Q
         W = np.zeros((len(self.components), len(e)))
-        for c in np.unique(owner):
-            of = p + np.flatnonzero(owner == c)
+        for c, of in self._places.items():
             W[c] = -2.0 * (at.u[of] @ at.A[of])
         for rows, half, part in self._parts(at.halves):
             if not len(rows.numbers):
@@ -345,7 +365,8 @@ class LatentModel(ReadOnlyArrays):
 
     def of_poses(self, theta: Array) -> Conditional:
         """The posterior of the unknown poses alone, for given sizes."""
-        return self.of_poses_at(theta[None])[0]
+        at = self._latest.get(theta.tobytes())
+        return self.of_poses_at(theta[None])[0] if at is None else self._of_poses(at)
 
     def of_poses_at(self, thetas: Array) -> list[Conditional]:
         """The posteriors of the unknown poses alone, for many sizes (d, k)."""
@@ -354,13 +375,17 @@ class LatentModel(ReadOnlyArrays):
         together = max(1, 12 * CHUNK // numbers)  # as many sizes as a cache holds whitened rows of
         for start in range(0, len(thetas), together):
             some = thetas[start : start + together]
-            _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
-            for theta, gram, log in zip(some, grams, logs, strict=True):
-                at = self._of_sums(theta, gram, float(log))
+            sizes = np.array([self.sizes(theta) for theta in some])
+            _, grams, _, logs = self._whitened(sizes)
+            for theta, s, gram, log in zip(some, sizes, grams, logs.tolist(), strict=True):
+                at = self._of_sums(theta, s, gram, log)
                 self._known_points[theta.tobytes()] = at
-                half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
-                found.append(Conditional(theta, at.value, at.u[:p], half.T @ half))
+                found.append(self._of_poses(at))
         return found
+
+    def _of_poses(self, at: Solved) -> Conditional:
+        half = dtrtrs(at.C, np.diag(at.unit)[:, : self.p], lower=1)[0]
+        return Conditional(at.theta, at.value, at.u[: self.p], half.T @ half)
 
     def shares(self, theta: Array) -> Array:
         """(components,) largest share of the variance of the first 6 unknowns, of X, that a component has.
@@ -368,14 +393,14 @@ class LatentModel(ReadOnlyArrays):
         A component moves x by its columns, as the posterior leaves them open, and by its noise at each pose, through
         the gain ``-H^-1 A^T L^-1``.
         """
-        at, p, q = self.solved(theta), self.p, min(6, self.p)
+        at, q = self.solved(theta), min(6, self.p)
         half = at.whole()
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
         gain = of_x @ at.A[:-1]
         root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + PRODUCT_ROUNDING * np.diag(np.diag(of_x[:, :q]))))
         found = np.zeros(len(self.components))
         for k in range(len(found)):
-            columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
+            columns = root @ of_x[:, self._places.get(k, slice(0))]
             variance = columns @ columns.T
             for rows, half, part in self._parts(at.halves):
                 for number, block in zip(rows.numbers, rows.blocks, strict=True):
@@ -394,8 +419,8 @@ class LatentModel(ReadOnlyArrays):
         """
         A, p, found = self.solved(theta).A.T, self.p, {}
         Q, R = np.linalg.qr(A[:, :p])
-        for k in np.unique(self._owner).tolist():
-            columns = A[:, p + np.flatnonzero(self._owner == k)]
+        for k, place in self._places.items():
+            columns = A[:, place]
             inside = Q.T @ columns
             energy, left = (columns**2).sum(), ((columns - Q @ inside) ** 2).sum()
             if energy > 0 and left < MIN_RESOLVED_SHARE / 100.0 * energy:
@@ -417,7 +442,7 @@ class LatentModel(ReadOnlyArrays):
 
     def place(self, number: int) -> int:
         """Place in (x, z) of the first column of a component."""
-        return self.p + int(np.flatnonzero(self._owner == number)[0])
+        return self._places[number].start
 
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""

@@ -70,6 +70,7 @@ def find_mode(
     state = model.solved(model.medians if start is None else np.clip(start, low, high))
     slope = model.slope(state)
     B, converged = model.information(state, slope), not len(low)
+    information: Array | None = B  # at the state; None: B is an update, not it
     for _ in range(0 if converged else 2 * MAX_START_STEPS):
         open_ = ~_held(state.theta, slope.gradient, low, high)
         move = np.zeros(len(low))
@@ -95,11 +96,12 @@ def find_mode(
             return arrived[0]
         state, slope = tried, model.slope(tried)
         if share <= 0.1 or np.abs(moved).max() > MAX_LOG_STEP / 6.0:  # the curvature there is another one
-            B = model.information(state, slope)
+            information = B = model.information(state, slope)
         else:
-            B = _updated(B, moved, slope.gradient - slope_before.gradient)
+            information, B = None, _updated(B, moved, slope.gradient - slope_before.gradient)
     at_bound = tuple(np.flatnonzero(_held(state.theta, slope.gradient, low, high)).tolist())
-    information = model.information(state, slope)
+    if information is None:
+        information = model.information(state, slope)
     return Mode(State(state.theta, state.value, slope.gradient, information, slope.determined), converged, at_bound)
 
 
