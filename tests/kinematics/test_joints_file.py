@@ -49,16 +49,97 @@ def read(tmp_path):
 def test_an_arm_without_names_of_its_joints_takes_one_numbered_series(read):
     """Every driver has its own names, and those of the table of arms and of DH parameters are ours."""
     arm, columns = ["joint_1", "joint_2", "joint_3"], [TIMES, Q[:, 1], Q[:, 0], Q[:, 2]]
-    for header in ("timestamp,fr3_joint2,fr3_joint1,fr3_joint3", "timestamp,J2,J1,J3", "t,q2_deg,q1_deg,q3_deg"):
+    for header in (
+        "timestamp,fr3_joint2,fr3_joint1,fr3_joint3",
+        "timestamp,J2,J1,J3",
+        "t,q2_deg,q1_deg,q3_deg",
+        "timestamp,joint_2_l,joint_1_s,joint_3_u",
+        "timestamp,meca_axis_2_joint,meca_axis_1_joint,meca_axis_3_joint",
+    ):
         unit = np.radians(1.0) if "deg" in header else 1.0
         found = read(table(header, [TIMES, *(column / unit for column in columns[1:])]), arm)
         np.testing.assert_allclose(found.q, Q, rtol=1e-12)
         assert "columns by the numbers of the joints" in found.notes
-    for header in ("q1,q2,q3,dq1,dq2,dq3", "a,b,c,d,e,f", "q1,q2,q4,q5,q6,q7", "q1,q1,q2,q3,x,y"):
-        with pytest.raises(InputError, match="column"):
+    for header, words in (
+        ("q1,q2,q3,j1,j2,j3", "from 'q1' and 'j1' on may both be the joints"),
+        ("a,b,c,d,e,f", "no column of joint joint_1"),
+        ("q1,q2,q4,q5,q6,q7", "no column of joint joint_1"),
+        ("q1,q1,q2,q3,x,y", "one column of joint joint_1, got 'q1, q1'"),
+    ):
+        with pytest.raises(InputError, match=words):
             read(table(header, np.hstack([Q, Q]).T), arm)
-    with pytest.raises(InputError, match="no column of joint a"):  # names of its own are not passed over
-        read(table("q1,q2,q3", Q.T), ["a", "b", "c"])
+
+
+def test_joints_with_names_of_their_own_take_a_vector_of_joint_values(read):
+    found = read(table("actual_q_0,actual_q_1,actual_q_2", Q.T), ["pan", "lift", "elbow"])
+    np.testing.assert_array_equal(found.q, Q)
+    for header in ("joint1,joint2,joint3", "target_q_0,target_q_1,target_q_2", "x1,x2,x3"):
+        with pytest.raises(InputError, match="no column of joint pan"):
+            read(table(header, Q.T), ["pan", "lift", "elbow"])
+
+
+SIX = Q.ravel()[None, :6] * [[1.0], [0.5]]
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "q_0,q_1,q_2,q_3,q_4,q_5",
+        "q[0],q[1],q[2],q[3],q[4],q[5]",
+        "/joint_states/position[0],/joint_states/position[1],/joint_states/position[2],/joint_states/position[3],"
+        "/joint_states/position[4],/joint_states/position[5]",
+        "joint_0,joint_1,joint_2,joint_3,joint_4,joint_5",
+    ],
+)
+def test_a_series_with_the_number_0_begins_there(read, header):
+    found = read(table(header, SIX.T), Kinematics.from_name("ur5e"))
+    np.testing.assert_array_equal(found.q, SIX)
+    assert f"columns by the numbers of the joints, counted from 0: {header.partition(',')[0]} is joint 1" in found.notes
+
+
+def test_seven_columns_of_six_axes_are_not_read_shifted_by_one_without_a_word(read):
+    """q_0 to q_6: of seven axes, or with a gripper; six axes take the first six, and a warning says so."""
+    seven = np.column_stack([SIX, [0.7, 0.8]])
+    header = ",".join(f"q_{k}" for k in range(7))
+    with pytest.warns(InputWarning, match="'q_0' to 'q_6' are 7 columns, and the arm has 6 joints: 'q_0' is read as"):
+        found = read(table(header, seven.T), Kinematics.from_name("ur5e"))
+    np.testing.assert_array_equal(found.q, SIX)
+    with pytest.warns(InputWarning, match="'joint_0' to 'joint_6' are 7 columns"):
+        found = read(table(header.replace("q_", "joint_"), seven.T), Kinematics.from_name("irb120"))
+    np.testing.assert_array_equal(found.q, SIX)
+
+
+def test_names_of_drivers(read):
+    """A JointState is often in the alphabetical order of the names."""
+    arm = Kinematics.from_name("ur5e")
+    header = "elbow_joint,shoulder_lift_joint,shoulder_pan_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint"
+    for prefix in ("", "left_", "ur5e_"):
+        names = ",".join(prefix + name for name in header.split(","))
+        found = read(table(names, SIX[:, [2, 1, 0, 3, 4, 5]].T), arm)
+        np.testing.assert_array_equal(found.q, SIX)
+        assert "columns by the names of the joints of Universal Robots" in found.notes
+    found = read(table("S,L,U,R,B,T", 10 * SIX.T), Kinematics.from_name("gp7"), "deg")
+    np.testing.assert_allclose(found.q, np.radians(10 * SIX))
+    found = read(
+        table("joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t", SIX.T), Kinematics.from_name("gp7")
+    )
+    np.testing.assert_array_equal(found.q, SIX)
+    for name, names in (("irb120", header), ("ur5e", "S,L,U,R,B,T"), ("panda", header)):
+        with pytest.raises(InputError, match=r"are those of the 6 joints of .* and the arm .* is another one"):
+            read(table(names, SIX.T), Kinematics.from_name(name))
+
+
+def test_a_recording_of_ur_rtde_has_targets_velocities_and_poses_beside_the_joints(read):
+    arm, parts = (
+        Kinematics.from_name("ur5e"),
+        ("actual_q", "actual_qd", "target_q", "actual_TCP_pose", "actual_current"),
+    )
+    header = "timestamp," + ",".join(f"{part}_{k}" for part in parts for k in range(6))
+    found = read(table(header, [TIMES[:2], *SIX.T, *np.full((24, 2), 9.0)]), arm)
+    np.testing.assert_array_equal(found.q, SIX)
+    np.testing.assert_array_equal(found.timestamps, TIMES[:2])
+    spaces = table(header.replace(",", " "), [TIMES[:2], *SIX.T, *np.full((24, 2), 9.0)], " ")
+    np.testing.assert_array_equal(read(spaces, arm).q, SIX)
 
 
 def test_columns_by_name_in_any_order(read):

@@ -2,10 +2,9 @@
 
     timestamp,shoulder [deg],elbow [deg],wrist_deg
 
-Columns are taken by name, in any order; further ones are ignored. A unit may follow the name. Names may have
-parts around them, as PlotJuggler, LeRobot and others write them (``/joint_states/elbow/position``, ``elbow.pos``);
-columns of velocities and efforts are none. Rows of ``rostopic echo -p``, with the names of a ``JointState`` in columns
-``name0``, ``name1`` and its values in ``position0``, ..., are sorted by those names, row by row.
+Columns are taken by name, in any order (`joint_columns`); further ones are ignored. A unit may follow the name. Rows
+of ``rostopic echo -p``, with the names of a ``JointState`` in columns ``name0``, ``name1`` and its values in
+``position0``, ..., are sorted by those names, row by row.
 
 Arrays: ``.npy`` (n, L) in the order of the arm, or ``.npz`` with the array ``q``, ``joints``, ``joint_positions`` or
 ``position`` (n, L), ``names`` (L) of its columns, and ``timestamps`` (n).
@@ -17,6 +16,7 @@ the limits of the joints, and are refused.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
@@ -26,24 +26,23 @@ from numpy.typing import NDArray
 
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.table import Places, Schema, Table, name_and_unit, read_table, rows_are_numbers
+from ...core.files.table import Places, Schema, Table, read_table, rows_are_numbers
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_TABLE_BYTES
-from ...errors import InputError
+from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_TABLE_BYTES
+from ...errors import InputError, InputWarning
 from ...formats.columns import SECONDS, meaning_and_unit
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
-from .descriptions.urdf import nearest
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
+from .joint_columns import Joints, joint_columns
 
 # Lists of names in rows that name their joints.
 MAX_ORDERS = 1000
 DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
 
 _NUMBERED = re.compile(r"(?:.*[./])?(name|position)[_.]?\[?(\d{1,6})\]?")
-_OTHERS = {"velocity", "velocities", "vel", "effort", "efforts", "eff", "torque", "current", "acceleration", "acc"}
 _ARRAYS = ("q", "joints", "joint_positions", "positions", "position")
 
 
@@ -71,11 +70,18 @@ class JointTable(NamedTuple):
 class _Wanted:
     """The joints of the arm, and the units in which somebody says that the file has them."""
 
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
+    joints: Joints
     limits: Array | None
     units: dict[str, str]  # by kind
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.joints.names
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.joints.kinds
 
 
 @dataclass
@@ -86,6 +92,26 @@ class _Columns:
     joints: list[int] = field(default_factory=list)  # columns of the joints, in the order of the arm
     units: list[str | None] = field(default_factory=list)  # of each joint, as its column says
     by_row: list[tuple[int, int]] = field(default_factory=list)  # columns of name and value, where rows name the joints
+
+    def take(self, names: Sequence[str], wanted: _Wanted, where: str) -> None:
+        """Find the columns of the joints by their names, and note how they were found and which are not used."""
+        found = joint_columns(names, wanted.joints, where)
+        self.joints, self.units = [of[0][0] for of in found.columns], [of[0][1] for of in found.columns]
+        if found.note:
+            wanted.notes.append(found.note)
+        if self.joints != sorted(self.joints):
+            wanted.notes.append("columns sorted by the names of the joints")
+        used = {*self.joints, *(() if self.time is None else (self.time[0],))}
+        if left := [name for k, name in enumerate(names) if k not in used]:
+            wanted.notes.append(f"not used: the columns {short(', '.join(left))}")
+        if found.series:
+            n, first, last = len(found.series), *(names[found.series[k][0]] for k in (0, -1))
+            warnings.warn(
+                f"{where}: {short(first)} to {short(last)} are {n} columns, and the arm has {len(self.joints)} joints: "
+                f"{short(names[self.joints[0]])} is read as its first, {short(names[self.joints[-1]])} as its last.",
+                InputWarning,
+                stacklevel=2,
+            )
 
 
 def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], units: str | None = None) -> JointTable:
@@ -142,11 +168,11 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
 
 def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
     if isinstance(arm, Kinematics):
-        names, kinds, limits = arm.names, tuple(joint.kind for joint in arm.joints), arm.limits
+        joints, limits = Joints(arm.name, arm.names, tuple(joint.kind for joint in arm.joints)), arm.limits
     elif isinstance(arm, str) or not isinstance(arm, Sequence) or not arm or not all(isinstance(n, str) for n in arm):
         raise InputError(f"Expected `arm` to be Kinematics or names of joints, got {type(arm).__name__}.")
     else:
-        names, kinds, limits = tuple(arm), (REVOLUTE,) * len(arm), None
+        joints, limits = Joints("", tuple(arm), (REVOLUTE,) * len(arm)), None
     said: dict[str, str] = {}
     if units is not None:
         for word in units.split(",") if isinstance(units, str) else [repr(units)]:
@@ -157,7 +183,7 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
                     f"Expected `units` (--joint-units) such as deg, mm or 'deg,mm' of {known}, got {units!r}."
                 )
             said[kind] = word.strip()
-    return _Wanted(names, kinds, limits, said)
+    return _Wanted(joints, limits, said)
 
 
 def _kind_of_unit(unit: str) -> str | None:
@@ -225,7 +251,8 @@ def _from_csv(
     def named(names: list[str]) -> bool:
         return any(joint in name for joint in wanted.names for name in names)
 
-    table = read_table(file, name, Schema("a header with the names of the joints", "pose", places, named))
+    marks = ",;\t " if _by_blanks(file, wanted) else ",;\t"
+    table = read_table(file, name, Schema("a header with the names of the joints", "pose", places, named, marks))
     values = table.values
     times = None if columns.time is None else values[:, 0] * columns.time[1]
     values = values if columns.time is None else values[:, 1:]
@@ -234,6 +261,12 @@ def _from_csv(
     if times is None:
         wanted.notes.append("no timestamp column")
     return times, values, columns.units, table.lines
+
+
+def _by_blanks(file: BinaryIO, wanted: _Wanted) -> bool:
+    """Return whether the first line separates as many names as there are joints by blanks, as RTDE records do."""
+    line = (file.peek(MAX_LINE_CHARACTERS) if hasattr(file, "peek") else b"").lstrip().partition(b"\n")[0]
+    return not re.search(rb"[,;\t\[(#]", line) and len(line.split()) >= max(2, len(wanted.names))
 
 
 def _header(names: list[str], where: str, wanted: _Wanted) -> _Columns:
@@ -256,74 +289,8 @@ def _header(names: list[str], where: str, wanted: _Wanted) -> _Columns:
         found.by_row, found.units = pairs, [None] * len(wanted.names)
         wanted.notes.append("joints sorted by the names in each row")
         return found
-    matches = [_matches(joint, kind, names) for joint, kind in zip(wanted.names, wanted.kinds, strict=True)]
-    if not any(matches):
-        matches = _by_number(names, wanted)
-    for joint, columns in zip(wanted.names, matches, strict=True):
-        if len(columns) > 1:
-            which = short(", ".join(names[k] for k, _ in columns))
-            raise InputError(f"{where}: expected one column of joint {joint}, got {which}.")
-    _require_all([joint for joint, columns in zip(wanted.names, matches, strict=True) if not columns], names, where)
-    found.joints, found.units = [columns[0][0] for columns in matches], [columns[0][1] for columns in matches]
-    if twice := [k for k in found.joints if found.joints.count(k) > 1]:
-        raise InputError(f"{where}: the column {short(names[twice[0]])} fits several joints.")
-    _note_columns(found, names, wanted)
+    found.take(names, wanted, where)
     return found
-
-
-def _note_columns(found: _Columns, names: list[str], wanted: _Wanted) -> None:
-    if found.joints != sorted(found.joints):
-        wanted.notes.append("columns sorted by the names of the joints")
-    used = {*found.joints, *(() if found.time is None else (found.time[0],))}
-    if left := [name for k, name in enumerate(names) if k not in used]:
-        wanted.notes.append(f"not used: the columns {short(', '.join(left))}")
-
-
-def _require_all(missing: list[str], names: Sequence[str], where: str) -> None:
-    if missing:
-        some = ", ".join(missing[:8]) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
-        raise InputError(f"{where}: no column of joint {some}{nearest(missing[0], [name for name in names if name])}.")
-
-
-def _matches(joint: str, kind: str, names: Sequence[str]) -> list[tuple[int, str | None]]:
-    """Columns that are values of a joint, with the unit that each says; those of exactly its name before all others."""
-    exact: list[tuple[int, str | None]] = [(k, None) for k, name in enumerate(names) if name == joint]
-    if exact:
-        return exact
-    found = []
-    known = ANGLE_UNITS if kind == REVOLUTE else LENGTH_UNITS
-    for k, name in enumerate(names):
-        bare, unit = name_and_unit(name, known)
-        if unit not in known:
-            bare, unit = name, None
-        parts = re.split(r"[/\\]", bare)
-        for ending in (".position", ".positions", ".pos"):
-            parts = [part.removesuffix(ending) for part in parts]
-        if joint in parts and not _OTHERS & {part.lower() for part in parts}:
-            found.append((k, unit))
-    return found
-
-
-def _by_number(names: list[str], wanted: _Wanted) -> list[list[tuple[int, str | None]]]:
-    """Columns of the joints of an arm without names of its own (``joint_1``, ...), by the number that ends each name.
-
-    One series counts from the base, as ``fr3_joint1``, ``fr3_joint2`` does: with two, such as ``q1`` and ``dq1``, it is
-    not known which holds the angles.
-    """
-    L = len(wanted.names)
-    if tuple(wanted.names) != tuple(f"joint_{k + 1}" for k in range(L)):
-        return [[] for _ in range(L)]
-    series: dict[str, dict[int, list[tuple[int, str | None]]]] = {}
-    for k, name in enumerate(names):
-        bare, unit = name_and_unit(name, ANGLE_UNITS)
-        bare, unit = (bare, unit) if unit in ANGLE_UNITS else (name, None)
-        if (match := re.fullmatch(r"(.*?)(\d{1,3})", bare)) is not None:
-            series.setdefault(match[1], {}).setdefault(int(match[2]), []).append((k, unit))
-    whole = [of for of in series.values() if set(range(1, L + 1)) <= set(of)]
-    if len(whole) != 1:
-        return [[] for _ in range(L)]
-    wanted.notes.append("columns by the numbers of the joints")
-    return [whole[0][k + 1] for k in range(L)]
 
 
 def _sorted_rows(table: Table, values: Array, wanted: _Wanted) -> Array:
@@ -340,8 +307,7 @@ def _sorted_rows(table: Table, values: Array, wanted: _Wanted) -> Array:
         where = table.at(of_names[0])
         if twice := [joint for joint in wanted.names if names.count(joint) > 1]:
             raise InputError(f"{where}: joint {twice[0]} is named twice.")
-        _require_all([joint for joint in wanted.names if joint not in names], names, where)
-        q[of_names] = values[of_names][:, [names.index(joint) for joint in wanted.names]]
+        q[of_names] = values[of_names][:, [of[0][0] for of in joint_columns(names, wanted.joints, where).columns]]
     return q
 
 
@@ -376,12 +342,8 @@ def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None,
 def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, list[str | None]]:
     """Columns in the order of the arm, and the unit that the name of each says."""
     q = _shaped(values, len(names), where)
-    matches = [_matches(joint, kind, names) for joint, kind in zip(wanted.names, wanted.kinds, strict=True)]
-    _require_all([joint for joint, found in zip(wanted.names, matches, strict=True) if not found], names, name)
-    if several := [joint for joint, found in zip(wanted.names, matches, strict=True) if len(found) > 1]:
-        raise InputError(f"{name}: expected one column of joint {several[0]}, got several.")
-    columns = _Columns(None, [found[0][0] for found in matches], [found[0][1] for found in matches])
-    _note_columns(columns, names, wanted)
+    columns = _Columns()
+    columns.take(names, wanted, name)
     return q[:, columns.joints], columns.units
 
 

@@ -74,6 +74,11 @@ def known_arm(name: str) -> KnownArm:
     raise InputError(f"No arm of the name {name!r:.60} is known. {hint}")
 
 
+def maker_of(chain: str) -> str | None:
+    """Return the maker of an arm of the table by the name of its chain (`known_arm`); None for other chains."""
+    return next((of["maker"] for name, of in _table().items() if chain == f"{of['maker']} {name}"), None)
+
+
 def _plain(name: str) -> str:
     """``name`` in lower case without spaces and ``-``, ``_``, ``/``."""
     return re.sub(r"[\s_/-]+", "", name).lower()
