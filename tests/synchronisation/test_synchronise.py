@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures.streams import NOISE, motion, pose_noise, some, streams
+from fixtures.streams import NOISE, motion, pose_noise, some, streams, triggered
 from support import SEED, assert_same_covariance, difference, random_transforms, rotations, transforms
 
 import uq_handeye as uq
@@ -594,3 +594,37 @@ def test_few_poses_at_a_second_have_a_figure(tmp_path):
     times = np.arange(30.0)
     found = uq.synchronise(Stream(times, poses.robot), Stream(times, poses.camera))
     assert found.figure().axes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [0.25, 0.5])
+def test_a_picture_at_each_stop_leaves_the_offset_open_within_the_stops(rng, at):
+    X, robot, camera = triggered(rng, 25, at=at)
+    found = uq.synchronise(robot, camera)
+    (note,) = [one for one in found.findings if one.code == "synchronisation.open_within_stops"]
+    low, high = note.values["low"], note.values["high"]
+    assert found.origin == "open within the stops"
+    assert low == pytest.approx(-1.2 * at, abs=0.1) and high == pytest.approx(1.2 * (1 - at), abs=0.1)
+    assert found.offset == pytest.approx(0.5 * (low + high)) and abs(found.offset) < 2 * found.offset_std
+    assert "any time offset from" in str(note) and found.alternatives == ()
+    assert not found.poses.timing.matters  # X does not depend on it
+    result = uq.calibrate(found.poses)
+    assert np.linalg.norm(result.X[:3, 3] - X[:3, 3]) < 3e-3
+    # An offset within the stops is not contradicted.
+    given = uq.synchronise(robot, camera, offset=0.0)
+    assert not [one for one in given.findings if one.severity != "note"]
+
+
+@pytest.mark.slow
+def test_stops_that_repeat_leave_periods_open(rng):
+    _, robot, camera = triggered(rng, 42, cycle=7)
+    with pytest.warns(InputWarning, match="Other time offsets fit nearly as well"):
+        found = uq.synchronise(robot, camera)
+    every = np.array([found.offset, *found.alternatives]) / 14.0
+    assert len(every) > 1 and np.abs(every - np.round(every)).max() < 0.05
+
+
+def test_a_camera_that_runs_free_is_not_triggered(rng):
+    moving = motion(rng, DURATION)
+    *_, robot, camera = streams(rng, moving, OFFSET, DURATION, rates=(100.0, 3.0))
+    assert uq.synchronise(robot, camera).origin == "estimated"

@@ -361,7 +361,14 @@ class PoseFiles(StreamFiles):
         """Return interpolated poses with their noise, which is less than that of the samples."""
         from ..core.formatting.numbers import concise
 
+        if self.offset is None:
+            single = sensors.taken_one_by_one(SETUP_NAMES[0] if self.setup is None else self.setup)
+            if single is not None:
+                return single, noise
         found = self.synchronised(sensors, noise=noise)
+        if found.origin == "open within the stops":
+            LOG.info("%s", next(note for note in found.notes if "stood still" in note))
+            return found.poses, found.noise
         if found.offset_std > 0.0:
             offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
         else:

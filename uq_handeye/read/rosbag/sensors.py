@@ -7,13 +7,27 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError, NotConvergedError
+import numpy as np
+
+from ...core.numbers.limits import MIN_POSES
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...formats.contents import Side
+from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.stream import Stream
+from ..pairing_by_time import SYNCHRONOUS_S, Match, match_times
 from ..synchronisation.result import Synchronised
+from ..synchronisation.stream_checks import MAX_INTERVAL_S
 from ..synchronisation.synchronise import synchronise
 
 if TYPE_CHECKING:
     from ...model.camera.adjustment.two_minima import Minima
+
+# Poses that are at least so far apart (s) are taken one by one where the stamps of both sides are the same.
+MIN_INTERVAL_S = 0.3
+# Stamps of one pose differ by at most this share of the interval between poses.
+MAX_STAMP_SHARE = 0.1
+# An offset that is known to a smaller share of the interval between poses is one of motion, not of single poses.
+MAX_OFFSET_SHARE = 0.1
 
 _log = logging.getLogger("uq_handeye")
 
@@ -39,6 +53,72 @@ class Sensors:
     recorded: tuple[str, ...] = ()
     minima: Minima | None = None
     still: bool = False
+
+    def taken_one_by_one(self, setup: str) -> PosePairs | None:
+        """Return the pairs of poses that were recorded one by one, by their stamps; None where the robot was tracked.
+
+        Poses of a recording are taken one by one if both sides have few of them with the same stamps: seconds apart and
+        at most a tenth of that from each other, or equal and `MIN_INTERVAL_S` apart or more. Between them nothing is
+        interpolated, so an offset of the clocks has no meaning.
+        """
+        r, c = (np.sort(side.timestamps) for side in (self.robot, self.camera))
+        if len(self.recorded) < 2 or self.still or min(len(r), len(c)) < MIN_POSES:
+            return None
+        interval = float(min(np.median(np.diff(times)) for times in (r, c)))
+        sides = [Side(role, s.poses[:, :3, 3], s.poses[:, :3, :3], s.timestamps) for role, s in self._streams]
+        tolerance = MAX_STAMP_SHARE * interval if interval > MAX_INTERVAL_S else SYNCHRONOUS_S
+        if interval < MIN_INTERVAL_S:
+            return None
+        try:
+            match = match_times(*sides, tolerance)
+        except InputError:
+            return None
+        if 2 * len(match.robot) < min(len(r), len(c)) or (
+            tolerance == SYNCHRONOUS_S and self._tracked(setup, interval)
+        ):
+            return None
+        late = float(np.abs(self.robot.timestamps[match.robot] - self.camera.timestamps[match.camera]).max())
+        for note in match.notes:
+            _log.info("%s: %s", self.name, note)
+        _log.info(
+            "%s: the poses were taken one by one, %.3g s apart: those of one stamp are pairs, and no clock offset is "
+            "estimated%s",
+            self.name,
+            interval,
+            "" if late <= SYNCHRONOUS_S else "; that is right if the robot stood still",
+        )
+        return self._decided(self._pairs(match, setup), match, setup)
+
+    @property
+    def _streams(self) -> tuple[tuple[str, Stream], tuple[str, Stream]]:
+        return ("robot", self.robot), ("camera", self.camera)
+
+    def _tracked(self, setup: str, interval: float) -> bool:
+        """Return whether the motion between poses of equal stamps tells the offset of their clocks."""
+        try:
+            found = synchronise(self.robot, self.camera, setup=setup)
+        except (InputError, NotConvergedError, DegenerateMotionError):
+            return False
+        return found.offset_std < MAX_OFFSET_SHARE * interval and abs(found.offset) < interval
+
+    def _pairs(self, match: Match, setup: str) -> PosePairs:
+        robot, camera, times = self.robot, self.camera, self.camera.timestamps[match.camera]
+        joints = None if robot.joints is None else robot.joints[match.robot]
+        sources = tuple(side.source for side in (robot, camera) if side.source is not None)
+        poses = robot.poses[match.robot], camera.poses[match.camera]
+        return PosePairs(*poses, setup, times, sources=sources, joints=joints)
+
+    def _decided(self, pairs: PosePairs, match: Match, setup: str) -> PosePairs:
+        """Return the pairs with the solution of each pose of a tag that agrees with the robot."""
+        if self.minima is None:
+            return pairs
+        from .tags import decide_stream
+
+        decided = decide_stream(pairs, self.camera, self.minima)
+        if decided is None or not decided.changed:
+            return pairs
+        _log.info("%s: %d poses of the tag were changed to agree with the robot", self.name, decided.changed)
+        return replace(self, camera=decided.stream)._pairs(match, setup)
 
     def synchronised(self, **how: Any) -> Synchronised:
         """Return pairs of poses on one clock; the arguments are those of `synchronise`."""

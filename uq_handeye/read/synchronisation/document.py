@@ -45,7 +45,7 @@ def offset_sentences(sync: Synchronised) -> list[str]:
             f"{MS_PER_S * (sync.correlation.peaks[0] + sync.shift):.4g} ms (chance stays below "
             f"{sync.correlation.needed:.2f}); from there the offset was refined jointly with X and W."
         )
-    if sync.origin != "given":
+    if sync.origin.startswith("estimated"):
         more = ""
         if sync.model_std is not None and sync.offset_std > 1.2 * sync.model_std and sync.origin == "estimated":
             more = (

@@ -54,6 +54,15 @@ def _(offset: float, others: Sequence[float]) -> str:
     )
 
 
+@sentence("synchronisation.open_within_stops")
+def _(low: float, high: float) -> str:
+    return (
+        f"Every picture was taken while the robot stood still: any time offset from {1e3 * low:.0f} to "
+        f"{1e3 * high:.0f} ms fits alike, and X does not depend on it. Where the offset itself is wanted, record more "
+        "pictures while the robot moves."
+    )
+
+
 @sentence("synchronisation.prior_contradicted")
 def _(prior: float, prior_std: float, offset: float, std: float) -> str:
     return (

@@ -9,6 +9,9 @@ margin at both ends, with enough samples of each.
 
 The mean rotation is that of SciPy (chordal), the mean translation that of the samples. At a stop the time offset only
 decides which samples belong to it: the rate of the poses, and with it the influence of the offset on X, is 0.
+
+A camera that is triggered once per stop leaves the offset open within the stops: every offset at which all its pictures
+lie in a stop fits alike (`offsets_at_rest`).
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ STILL_NOISE_RATIO = 6.0
 STILL_ROTATION_RAD, STILL_TRANSLATION_M = 2e-4, 5e-5
 # Fewest samples of each sensor at a stop.
 MIN_SAMPLES_PER_STOP = 3
+# Share of the pictures that must lie in stops, or within half a window of one, for a camera that is triggered at stops.
+MIN_SHARE_AT_REST = 0.9
 
 
 class Stop(NamedTuple):
@@ -85,6 +90,39 @@ def find_stops(
             continue
         stops.append(Stop(begin, end, mean_pose(robot[i:j]), mean_pose(camera[a:b]), int(j - i), int(b - a)))
     return stops
+
+
+def offsets_at_rest(times: Array, poses: Array, pictures: Array, offset: float) -> tuple[float, float] | None:
+    """Return the least and the largest offset at which a robot stands still at every picture; None if it moves at some.
+
+    Parameters
+    ----------
+    times, poses : (m,), (m, 4, 4)
+        Stream of the robot, sorted by time.
+    pictures : (n,)
+        Times of the pictures on the clock of the camera, ``robot_time = picture + offset``.
+    offset : float
+        The offset that selects the stop of each picture: the nearest one.
+    """
+    if len(pictures) < 2 or np.median(np.diff(pictures)) < STOP_WINDOW_S:
+        return None
+    edges = np.flatnonzero(np.diff(still_samples(times, poses).astype(int), prepend=0, append=0)).reshape(-1, 2)
+    begin, end = times[edges[:, 0]] - 0.5 * STOP_WINDOW_S, times[edges[:, 1] - 1] + 0.5 * STOP_WINDOW_S
+    lasting = end - begin >= STOP_WINDOW_S
+    begin, end = begin[lasting], end[lasting]
+    if not len(begin):
+        return None
+    at = (pictures + offset)[:, None]
+    away = np.maximum(np.maximum(begin - at, at - end), 0.0)  # (n, stops)
+    stop = away.argmin(axis=1)
+    near = away.min(axis=1) <= 0.5 * STOP_WINDOW_S
+    if near.mean() < MIN_SHARE_AT_REST:
+        return None
+    # Pictures beyond a stop are outliers of the timing, as they are of the poses.
+    few = 1.0 - MIN_SHARE_AT_REST
+    low = float(np.quantile((begin[stop] - pictures)[near], 1.0 - 0.5 * few))
+    high = float(np.quantile((end[stop] - pictures)[near], 0.5 * few))
+    return (low, high) if high - low > 0.5 * STOP_WINDOW_S else None
 
 
 def mean_pose(poses: Array) -> Array:

@@ -16,6 +16,8 @@ from .sentences import left_out_words
 
 # Median intervals of the denser stream outside these are no seconds; the sparser one may be ten times as sparse.
 MIN_INTERVAL_S, MAX_INTERVAL_S = 2e-5, 1.0
+# Poses that are taken one by one follow each other within some minutes.
+MAX_SINGLE_POSE_INTERVAL_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,11 @@ def check_units(robot: float, camera: float) -> None:
         units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
         unit = next((unit for unit, length in units.items() if interval * length <= MAX_INTERVAL_S), None)
         guess = f" They look like {unit}: multiply them by {units[unit]:g}." if unit and interval > most else ""
+        if most < interval <= MAX_SINGLE_POSE_INTERVAL_S and min(intervals.values()) > MAX_INTERVAL_S:
+            guess = (
+                " Poses that were taken one by one are paired, not interpolated: by their times (--pair time) or by "
+                f"their rows (--pair rows).{guess.replace('They look like', 'Or they are in')}"
+            )
         raise InputError(
             f"Expected the timestamps of both streams in seconds, with poses {MIN_INTERVAL_S:g} to {most:g} s apart, "
             f"got a median interval of {interval:.4g} for the {name}.{guess}"

@@ -15,12 +15,16 @@ rate_i``. In the joint fit of (X, W, d) the covariance of X is to first order
 which is the inverse of the 13-parameter information if ``Var(d) = 1/(j^T S^-1 j - j^T S^-1 J C J^T S^-1 j)``, and stays
 right where Var(d) is larger because rows are not independent, or smaller because of a prior.
 
+Where every picture was taken at a stop of the robot, all offsets within the stops fit alike: the middle is taken, with
+the standard deviation of a uniform distribution, and with rates of 0, as X does not depend on it.
+
 Not covered are clocks that drift against each other, delays that change, and the error of interpolation
 (`Synchronised.interpolation_error`).
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -34,6 +38,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import RARE
 from ...core.numbers.limits import MAX_NAMED, MIN_POSES
 from ...errors import (
+    DegenerateMotionError,
     InputError,
     NotConvergedError,
     keywords_of,
@@ -60,7 +65,7 @@ from .refinement import (
     with_noise,
 )
 from .result import Synchronised
-from .stops import Stop, find_stops
+from .stops import STOP_WINDOW_S, Stop, find_stops, offsets_at_rest
 from .stream_checks import LeftOut, check_units, coarse_clock, common_time, left_out
 
 # The robot is interpolated unless its interval is longer than the camera's by more than this factor.
@@ -71,6 +76,8 @@ MIN_ROWS_FOR_OFFSET = 10
 EQUAL_FIT_RATIO = 1.25
 # Share of the poses in common that gaps may cost without a warning.
 MAX_GAP_SHARE = 0.1
+# Advice where one stream has too few poses for a speed.
+AT_STOPS = " Poses taken while the robot stood still need no offset: where both clocks are one, give --offset 0."
 # An offset with a larger standard deviation is not determined by the motion.
 MAX_OFFSET_SD_S = 0.25
 
@@ -230,6 +237,7 @@ class _Estimate(NamedTuple):
     refined: Refined
     correlation: Correlation
     alternatives: tuple[float, ...]
+    at_rest: tuple[float, float] | None = None  # the offsets at which every picture lies in a stop
 
 
 def _estimate(
@@ -257,7 +265,7 @@ def _estimate(
     elif prior is not None:
         candidates = [prior[0]]
     else:
-        raise InputError(_not_correlated(correlation, ends))
+        raise InputError(_not_correlated(correlation, ends, step))
     tried: list[Refined] = []
     failure: Exception | None = None
     for candidate in candidates:
@@ -294,10 +302,31 @@ def _estimate(
             f"The motion does not determine the time offset{known}. Rotate the robot about different axes, faster and "
             "with changes of speed, or give `offset` (--offset)."
         )
-    return _Estimate(refined, correlation, tuple(sorted(alternatives)))
+    at_rest = None
+    if pairing.side == "robot" and given is None:
+        at_rest = offsets_at_rest(pairing.robot_times, pairing.robot, pairing.camera_times, refined.offset)
+    if at_rest is not None:
+        low, high = at_rest
+        middle_of_stops, deviation = 0.5 * (low + high), (high - low) / np.sqrt(12.0)  # of a uniform distribution
+        refined = refined._replace(offset=middle_of_stops, std=deviation, wanted=(middle_of_stops, deviation))
+        alternatives |= _shifted_by_a_stop(pairing, middle_of_stops, best.score, asked.seed)
+    return _Estimate(refined, correlation, tuple(sorted(alternatives)), at_rest)
 
 
-def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
+def _shifted_by_a_stop(pairing: Pairing, offset: float, score: float, seed: int) -> set[float]:
+    """Return the offsets, one or two pictures from ``offset``, that fit as well as its ``score``: a repeated motion."""
+    period = float(np.median(np.diff(pairing.camera_times)))
+    found = set()
+    for shift in (-2, -1, 1, 2):
+        with suppress(InputError, NotConvergedError, DegenerateMotionError):
+            _require_rows(pairing, offset + shift * period, MIN_ROWS_FOR_OFFSET)
+            tried = start(pairing, offset + shift * period, seed)  # which may return to the stop that fits
+            if abs(tried.offset - offset) > 0.5 * period and tried.score - score < 4 * np.log(EQUAL_FIT_RATIO):
+                found.add(round(tried.offset, 6))
+    return found
+
+
+def _not_correlated(correlation: Correlation, ends: tuple[float, float], step: float) -> str:
     fastest = [
         np.degrees(np.nanmax(part.speed)) if np.isfinite(part.speed).any() else 0.0
         for part in (correlation.robot, correlation.camera)
@@ -313,7 +342,7 @@ def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
         f"The time offset is not determined within {ends[1] - ends[0]:.3g} s: {what}; they reach {fastest[0]:.2g} and "
         f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop, and Euler angles in "
         "their right order (--rotation robot=...); or give `offset` (--offset), or a larger `max_offset` (uq-handeye "
-        "sync --max-offset)."
+        f"sync --max-offset).{AT_STOPS if step >= STOP_WINDOW_S else ''}"
     )
 
 
@@ -370,9 +399,10 @@ def _assembled(
         gone = ()
     else:
         fine = found.rows(rows)
+        rates = fine.rate if estimate is None or estimate.at_rest is None else np.zeros_like(fine.rate)
         pair = pairing.poses(fine, rows)
         times = pairing.camera_times[rows] if pairing.side == "robot" else pairing.robot_times[rows] - at
-        timing = Timing(offset, std, fine.rate, pairing.side)
+        timing = Timing(offset, std, rates, pairing.side)
         poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
         if robot.joints is not None:
             poses = replace(poses, joints=joint_values_at(pairing.robot_times, robot.joints, times + at))
@@ -392,7 +422,7 @@ def _assembled(
         poses=poses,
         offset=offset,
         offset_std=std,
-        origin="given" if given.exact else "estimated" if prior is None else "estimated with a prior",
+        origin=_origin(given, estimate),
         model_std=None if refined is None or given.exact else refined.model_std,
         growth=1.0 if refined is None or given.exact else refined.growth,
         side=pairing.side,
@@ -413,6 +443,15 @@ def _assembled(
     )
     warn(findings, stacklevel=3)
     return result
+
+
+def _origin(given: Asked, estimate: _Estimate | None) -> str:
+    """Return where the offset is from, in words."""
+    if given.exact:
+        return "given"
+    if estimate is not None and estimate.at_rest is not None:
+        return "open within the stops"
+    return "estimated" if given.prior is None else "estimated with a prior"
 
 
 def _of_stops(stops: list[Stop], setup: str, origin: float, sources: tuple[Source, ...], timing: Timing) -> PosePairs:
@@ -449,6 +488,9 @@ def _against_streams(
         caution("gaps", lost=lost, n=lost + kept, max_gap=pairing.max_gap, parts=parts, more=len(gaps) > MAX_NAMED)
     if estimate is None:
         return found
+    if estimate.at_rest is not None and not exact:
+        low, high = (value + shift for value in estimate.at_rest)
+        found.append(Finding("synchronisation.open_within_stops", "note", {"low": low, "high": high}))
     if estimate.alternatives and not exact:
         caution("other_offsets", offset=offset, others=[value + shift for value in estimate.alternatives])
     wanted, std = estimate.refined.offset + shift, estimate.refined.std
