@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
+import uq_handeye as uq
 from uq_handeye.core.files import table
 from uq_handeye.errors import InputError
 from uq_handeye.formats import csv_poses
@@ -202,7 +203,7 @@ ROW = "0,1,2,3,0,0,0,1\n"
         ),
         (f"{HEADER}\n{ROW}1,1,2,3,90,0,0,1\n", ["line 3", "qx,qy,qz,qw", "norm 90.0056", "columns shifted"]),
         (f"{HEADER}\n0,1,2,3,1e200,0,0,1\n", ["line 2", "norm inf"]),
-        (f"{HEADER}\n{ROW}# x\n{ROW}", ["line 4", "column timestamp", "repeats", "line 2"]),
+        (f"{HEADER}\n{ROW}# x\n0,1,2,4,0,0,0,1\n", ["line 4", "column timestamp", "repeats", "line 2"]),
         (b"\x89PNG\r\n\x1a\n\0\0", ["line 1", "not UTF-8"]),
         (GOOD.encode("utf-16"), ["line 1", "not UTF-8"]),
         (GOOD.encode("utf-16-le"), ["line 1", "NUL"]),
@@ -317,3 +318,13 @@ def test_write_refuses_what_cannot_be_read(tmp_path, poses, timestamps, part):
 def test_pose_text_is_what_is_written(tmp_path):
     write_pose_file(tmp_path / "a.csv", np.eye(4)[None], [7])
     assert (tmp_path / "a.csv").read_text() == pose_text(np.eye(4)[None], [7])
+
+
+def test_rows_that_repeat_time_and_numbers_are_left_out(file):
+    path = file(f"{HEADER}\n{ROW}{ROW}1,1,2,4,0,0,0,1\n{ROW}")
+    times, poses = read_pose_file(path)
+    np.testing.assert_array_equal(times, [0.0, 1.0])
+    np.testing.assert_array_equal(poses[:, :3, 3], [[1, 2, 3], [1, 2, 4]])
+    stream = uq.read_stream(path, "robot")
+    assert len(stream) == 2
+    assert "2 rows that repeat a time and its numbers are left out" in stream.source.notes

@@ -98,7 +98,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         ("0 1 2 3 0 0 0 1\n1 1 x 3 0 0 0 1\n", ["line 2", "column ty", "'x'"]),
         ("0 1 2 3 0 0 0 1\n1 1 1_0 3 0 0 0 1\n", ["line 2", "column ty", "'1_0'"]),
         ("0 1 2 nan 0 0 0 1\n", ["line 1", "column tz", "finite"]),
-        ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", ["line 2", "column timestamp", "repeats", "line 1"]),
+        ("0 1 2 3 0 0 0 1\n0 1 2 4 0 0 0 1\n", ["line 2", "column timestamp", "repeats", "line 1"]),
         ("0 1 2 1e300 0 0 0 1\n", ["line 1", "translation below 1e+75", "1e+300"]),
         ("0 1 2 3 90 0 0 1\n", ["line 1", "columns qx,qy,qz,qw", "unit quaternion"]),
         ("0,1,2,3,0,0,0,1\n", ["abb (wxyz, m), table (xyzw, m)", "--format"]),

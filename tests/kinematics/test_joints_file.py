@@ -285,7 +285,7 @@ def test_limits(read):
         ("shoulder,elbow,slide\n0.1,,0.2\n", "an empty field"),
         ("shoulder,elbow,slide\n0.1,nan,0.2\n", "line 2, joint elbow: expected a finite number"),
         ("shoulder,elbow,slide\n0.1,-1_0,0.2\n", "got '-1_0'"),
-        ("time,shoulder,elbow,slide\n1,0.1,-1,0.2\n1,0.1,-1,0.2\n", "line 3: the timestamp repeats that of line 2"),
+        ("time,shoulder,elbow,slide\n1,0.1,-1,0.2\n1,0.2,-1,0.2\n", "line 3: the timestamp repeats that of line 2"),
         ("time,shoulder,elbow,slide\ninf,0.1,-1,0.2\n", "line 2: expected a finite timestamp"),
         ("name,shoulder,elbow,slide\n1,0.1,-1,0.2\n\0\n", "NUL"),
         (b"\xff\xfes\0h\0", "UTF-8"),
@@ -349,3 +349,14 @@ def test_the_examples_of_the_page(tmp_path):
     np.testing.assert_allclose(found.q[0], np.deg2rad([5.7, 30.5, -12.0]))
     assert Kinematics.from_dh(tmp_path / "dh.csv").names == ("shoulder", "elbow")
     np.testing.assert_allclose(Kinematics.from_dh(tmp_path / "dh.toml").joints[0].upper, np.deg2rad(166))
+
+
+def test_a_record_that_repeats_its_rows(read):
+    """ur-rtde 1.6.5 at 500 Hz writes rows at a rate of its own, six decimals, separated by blanks."""
+    names = " ".join(f"actual_q_{k}" for k in range(6))
+    rows = [f"{0.002 * k:.6f} " + " ".join(f"{0.1 * joint + 0.001 * k:.6f}" for joint in range(6)) for k in range(5)]
+    written = [rows[k] for k in (0, 0, 1, 2, 2, 2, 3, 4)]
+    found = read("\n".join([f"timestamp {names}", *written, ""]), [f"joint_{k + 1}" for k in range(6)])
+    np.testing.assert_allclose(found.timestamps, 0.002 * np.arange(5))
+    np.testing.assert_allclose(found.q[:, 1], 0.1 + 0.001 * np.arange(5))
+    assert "3 rows that repeat a time and its numbers are left out" in found.notes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.formatting.units import LENGTH_UNITS
-from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate
+from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate, repeats_note, rows_once
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, among, require_one_of
 from .rotations import MATRICES, QUATERNIONS, RotationForm, rotation_form
@@ -95,6 +95,36 @@ class Contents:
     setup: str | None = None  # where the file says it
     robot_enters: bool = False  # the robot poses are those of AX = XB: gripper_T_base for eye-to-hand
     notes: tuple[str, ...] = field(default=())
+
+
+def rows_of_side(side: Side, rows: NDArray[np.intp]) -> Side:
+    """Return some of the poses of a side, which keep their places for messages."""
+    return replace(
+        side,
+        translation=side.translation[rows],
+        rotation=side.rotation[rows],
+        timestamps=None if side.timestamps is None else side.timestamps[rows],
+        rows=rows if side.rows is None else side.rows[rows],
+        labels=tuple(side.labels[k] for k in rows) if side.labels else (),
+        numbers=tuple(side.numbers[k] for k in rows) if side.numbers else (),
+    )
+
+
+def without_repeats(contents: Contents) -> Contents:
+    """Return the poses of one side without rows that repeat time and numbers of another, as recorders write them.
+
+    ur-rtde writes rows at a rate of its own, whether the controller has sent new values or not. Rows with one time and
+    other numbers stay, and are refused.
+    """
+    side = contents.only
+    if side is None or side.timestamps is None or len(side) < 2:
+        return contents
+    table = np.column_stack([side.timestamps, side.translation, side.rotation.reshape(len(side), -1)])
+    rows = rows_once(table)
+    if len(rows) == len(side):
+        return contents
+    notes = (*contents.notes, repeats_note(len(side) - len(rows)))
+    return replace(contents, only=rows_of_side(side, rows), notes=notes)
 
 
 def matrices_side(name: str, T: Array, **options: Any) -> Side:

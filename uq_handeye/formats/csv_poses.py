@@ -29,7 +29,7 @@ from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
 from .columns import SECONDS, counts_poses, meaning_and_unit
-from .contents import COLUMNS, Contents, Side, finished, require_units
+from .contents import COLUMNS, Contents, Side, finished, require_units, without_repeats
 
 HEADER = ",".join(COLUMNS)
 # Columns of points in place of poses.
@@ -96,12 +96,12 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     InputError
         One line that names the file, the line and the column: a file that cannot be read or is not such a
         table, numbers that are not finite, quaternions whose norm is not 1 within 1e-3 (the others are
-        normalised), repeated timestamps, no rows.
+        normalised), repeated timestamps with other numbers, no rows.
     """
     require_units(units)
     path = as_path(path)
     with opened(path, MAX_TABLE_BYTES) as file:
-        contents = read_csv(file, shown(path))
+        contents = without_repeats(read_csv(file, shown(path)))
     side = contents.only
     assert side is not None
     poses = finished(side, "robot", units, None, "base_T_gripper")

@@ -21,7 +21,7 @@ from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, item
 from ..core.files.trees import is_json, parse_tree
 from ..core.numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
-from .contents import COLUMNS, Contents
+from .contents import COLUMNS, Contents, without_repeats
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention
 from .controllers.records import entries_of, is_records
@@ -119,6 +119,7 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
             found, contents = format, None
             try:
                 found, contents = _read(file, kind, format, path, name)
+                contents = without_repeats(contents)
             except InputError as error:
                 told = "It looks like" in str(error)
                 if format is not None and not told and (other := _looks_like(head, name, format)):

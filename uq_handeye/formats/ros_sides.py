@@ -50,7 +50,7 @@ def side_of(records: list[Stamped], lines: list[int], name: str, notes: list[str
 def one_side(
     name: str, numbers: Array, stamps: NDArray[np.float64] | None, lines: NDArray[np.int64], notes: list[str]
 ) -> Contents:
-    """Return poses (n, 7) as they stand; a pose that is printed again with the time of the last one is left out."""
+    """Return poses (n, 7) as they stand, of a robot that stood still one."""
     if len(numbers) > 1 and (moved := _at_rest(numbers)) is not None:  # of a robot that stood still: a file per pose
         if moved == 0.0:
             notes.append(f"the same pose {len(numbers)} times, taken once")
@@ -63,13 +63,6 @@ def one_side(
     if stamps is not None and len(stamps) > 1 and (stamps == stamps[0]).all() and np.ptp(numbers, axis=0).any():
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
         stamps = None
-    if stamps is not None:
-        _, first, which = np.unique(stamps, return_index=True, return_inverse=True)
-        same = (numbers == numbers[first[which.ravel()]]).all(axis=1)
-        again = same & (first[which.ravel()] != np.arange(len(stamps)))
-        if again.any():
-            notes.append(f"{int(again.sum())} poses that repeat a time and its pose are left out")
-            numbers, stamps, lines = numbers[~again], stamps[~again], lines[~again]
     side = Side(name, numbers[:, :3], numbers[:, 3:], stamps, lines, "line", "xyzw", FIELDS)
     return Contents(only=side, notes=tuple(notes))
 

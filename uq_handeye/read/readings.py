@@ -21,7 +21,7 @@ from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
 from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
-from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
+from ..formats.contents import FRAMES, Reading, Side, doubtful, finished, rows_of_side
 from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
 from ..model.poses.residuals import rotation_angles
 
@@ -213,7 +213,10 @@ class _Pair:
         n, m = map(len, self.rows)
         if n != m or n < 2 * most:
             return self
-        sides = tuple(_some(side, of[:: n // most]) for side, of in zip(self.sides, self.rows, strict=True))
+        sides = tuple(
+            replace(rows_of_side(side, of[:: n // most]), timestamps=None, numbers=())
+            for side, of in zip(self.sides, self.rows, strict=True)
+        )
         every = np.arange(len(sides[0]))
         return replace(self, sides=sides, rows=(every, every))
 
@@ -286,19 +289,6 @@ class _Pair:
     def _travel(self, pair: ReadingPair) -> float:
         """Return the standard deviation of the robot's position."""
         return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
-
-
-def _some(side: Side, rows: NDArray[np.intp]) -> Side:
-    """Return some of the poses of a side, which keep their places for messages."""
-    return replace(
-        side,
-        translation=side.translation[rows],
-        rotation=side.rotation[rows],
-        timestamps=None,
-        rows=rows if side.rows is None else side.rows[rows],
-        labels=tuple(side.labels[k] for k in rows) if side.labels else (),
-        numbers=(),
-    )
 
 
 def _other_forms(side: Side, form: str | None) -> list[str]:

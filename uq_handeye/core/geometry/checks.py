@@ -159,6 +159,18 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
     return int(order[k]), int(order[k + 1])
 
 
+def rows_once(table: Array) -> NDArray[np.intp]:
+    """Return the rows of a table (n, k), time first, without those that repeat an earlier one in every number."""
+    if first_duplicate(table[:, 0]) is None:
+        return np.arange(len(table))
+    return np.sort(np.unique(table, axis=0, return_index=True)[1])
+
+
+def repeats_note(count: int) -> str:
+    """Return the note on rows that repeat others."""
+    return f"{count} rows that repeat a time and its numbers are left out"
+
+
 def is_number(value: Any) -> bool:
     """Return whether the value is a number of Python or NumPy; truth values are not."""
     return isinstance(value, Real) and not isinstance(value, bool)

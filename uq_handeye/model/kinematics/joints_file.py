@@ -28,7 +28,7 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, read_table, rows_are_numbers
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
-from ...core.geometry.checks import first_duplicate
+from ...core.geometry.checks import first_duplicate, repeats_note, rows_once
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
@@ -156,6 +156,12 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
             else:
                 times, values, named, lines = _from_csv(file, name, wanted)
     at = _row_names(name, lines)
+    if times is not None:
+        rows = rows_once(np.column_stack([times, values]))
+        if len(rows) < len(values):
+            wanted.notes.append(repeats_note(len(values) - len(rows)))
+            times, values, lines = times[rows], values[rows], None if lines is None else lines[rows]
+            at = _row_names(name, lines)
     _check_finite(values, wanted, at)
     q = _in_units(values, named, wanted, at, name)
     if times is not None:
