@@ -83,7 +83,7 @@ def test_tf_echo_repeated_static_and_cut_off(poses):
     text = tf_echo(poses[:4], 12)
     blocks = ["At time" + part for part in text.split("At time")[1:]]
     twice = read_tf_echo("".join(block * 3 for block in blocks), "tf.txt")
-    assert len(twice.only) == 4 and any("8 poses that repeat" in note for note in twice.notes)
+    assert len(twice.only) == 4 and any("8 rows that repeat" in note for note in twice.notes)
     static = re.sub(r"At time \S+", "At time 0.0", text)
     contents = read_tf_echo(static, "tf.txt")
     assert contents.only.timestamps is None and len(contents.only) == 4
@@ -164,7 +164,7 @@ def test_several_pairs_of_frames_are_refused_by_their_names(poses):
 def test_repeated_messages_of_one_time_are_read_once(poses):
     parts = echo(poses, "TransformStamped").split("---\n")[:-1]
     contents = read_ros_topic("".join(f"{part}---\n" * 2 for part in parts), "tf.txt")
-    assert len(contents.only) == len(poses) and "12 poses that repeat a time" in contents.notes[-1]
+    assert len(contents.only) == len(poses) and "12 rows that repeat a time" in contents.notes[-1]
 
 
 @pytest.mark.parametrize("kind", ["PoseStamped", "PoseWithCovarianceStamped", "TransformStamped"])

@@ -11,7 +11,7 @@ from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError
-from .contents import Contents, Side
+from .contents import Contents, Side, without_repeats
 from .ros_messages import Stamped
 
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
@@ -64,7 +64,7 @@ def one_side(
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
         stamps = None
     side = Side(name, numbers[:, :3], numbers[:, 3:], stamps, lines, "line", "xyzw", FIELDS)
-    return Contents(only=side, notes=tuple(notes))
+    return without_repeats(Contents(only=side, notes=tuple(notes)))
 
 
 def _at_rest(numbers: Array) -> float | None:
