@@ -19,6 +19,7 @@ from pathlib import Path
 import uq_handeye as uq
 from uq_handeye.cli.exit_status import ExitStatus
 from uq_handeye.core.formatting.units import small_unit
+from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.numbers.levels import LEVELS
 from uq_handeye.fit.diagnostics.sentences import DECLARE
 from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaults
@@ -93,13 +94,23 @@ def levels() -> str:
     return table(["level", "probability", "what it triggers", "source"], rows)
 
 
+def conventions() -> str:
+    """Return the table of the conventions of covariances."""
+    header = ["name", "order", "rotation in the axes of the", "translation", "angle", "factor", "measured with"]
+    rows = (
+        [f"`{one.name}`", one.order, one.axes, one.translation, one.angle, one.factor, one.source]
+        for one in CONVENTIONS.values()
+    )
+    return table(header, rows)
+
+
 def exit_statuses() -> str:
     """Return the table of the exit statuses."""
     return table(["status", "meaning"], ([str(int(status)), status.meaning] for status in ExitStatus))
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    make.__name__: make for make in (sizes, classes, defaults, covered, levels, exit_statuses)
+    make.__name__: make for make in (sizes, classes, defaults, covered, levels, conventions, exit_statuses)
 }
 
 

@@ -21,6 +21,7 @@ from uq_handeye.cli import options as cli_options
 from uq_handeye.cli.commands import export as cli_files
 from uq_handeye.cli.options import choices, methods_of, one_of, parameters_of, with_messages, without_options
 from uq_handeye.core.formatting.units import LENGTH_UNITS
+from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
 from uq_handeye.formats.controllers.forms import CONTROLLERS
@@ -52,6 +53,7 @@ def test_names_are_those_of_the_registries():
     assert cli_options.COVARIANCE_NAMES == COVARIANCES
     assert set(cli_options.FORMAT_NAMES) == set(FORMATS)
     assert tuple(CONTROLLERS) == cli_options.CONTROLLER_NAMES
+    assert tuple(CONVENTIONS) == cli_options.CONVENTION_NAMES
     assert set(cli_options.UNITS) <= set(LENGTH_UNITS)
     assert set(cli_files.EXPORT_NAMES) == set(EXPORTED)
 
@@ -291,3 +293,30 @@ def test_what_a_docstring_declares_wrongly_is_refused(monkeypatch):
     monkeypatch.setattr(Base, "__doc__", "Options.\n\nOptions:\n  --wya HOW: Pairing.")
     with pytest.raises(TypeError, match="Base has no parameter wya"):
         parameters_of(Base)
+
+
+@pytest.mark.slow
+def test_covariances_in_the_convention_of_a_library(tmp_path):
+    poses = write_session(tmp_path)
+    R = poses.camera[:, :3, :3]
+    S = np.zeros((12, 6, 6))
+    S[:, :3, :3], S[:, 3:, 3:] = R @ np.diag([1e-6, 3e-6, 6e-6]) @ R.mT, R @ np.diag([1e-7, 2e-7, 5e-7]) @ R.mT
+    S = 0.5 * (S + S.mT)
+    numbers = uq.to_convention(S, poses.camera, "gtsam")
+    text = f"[robot]\nrotation = '0.02deg'\ntranslation = '0.05mm'\n[camera]\ncovariance = {numbers.tolist()}\n"
+    (tmp_path / "noise.toml").write_text(text)
+    command = ["calibrate", "robot.csv", "camera.csv", "--noise", "noise.toml", "--json"]
+    done = run(*command, "--covariance-convention", "gtsam", cwd=tmp_path)
+    noise = uq.PoseNoise(np.diag([np.radians(0.02) ** 2] * 3 + [5e-5**2] * 3), S)
+    expected = uq.calibrate(poses, noise=noise).covariance
+    np.testing.assert_allclose(json.loads(done.stdout)["covariance"], expected, rtol=1e-5, atol=1e-14)
+    other = run(*command, cwd=tmp_path)
+    assert np.abs(np.array(json.loads(other.stdout)["covariance"]) / expected - 1).max() > 0.01
+    wrong = run(*command, "--covariance-convention", "gtsm", cwd=tmp_path)
+    assert "--covariance-convention: Unknown convention 'gtsm'" in wrong.stderr
+    assert "Did you mean 'gtsam'" in wrong.stderr
+    (tmp_path / "noise.toml").write_text(text + "convention = 'gtsam'\n")
+    again = json.loads(run(*command, cwd=tmp_path).stdout)
+    assert again["covariance"] == json.loads(done.stdout)["covariance"]
+    refused = run("simulate", "--noise", "noise.toml", "-o", "new", cwd=tmp_path)
+    assert "simulate takes covariances as the toolkit has them" in refused.stderr

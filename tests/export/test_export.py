@@ -94,7 +94,8 @@ def test_opencv(result):
         name = f"{child}2{parent}".replace("camera", "cam")
         np.testing.assert_allclose(names[f"R_{name}"], T[:3, :3], rtol=0, atol=1e-11)
         np.testing.assert_allclose(names[f"t_{name}"], T[:3, 3:], rtol=0, atol=1e-11)
-        assert_same_covariance(names[f"covariance_{name}"], covariance, 1e-6)
+        assert_same_covariance(from_convention(names[f"covariance_{name}"], T, "opencv"), covariance, 1e-6)
+        assert "rvec" in snippet.convention
 
 
 def test_gtsam(result):
@@ -248,6 +249,20 @@ def test_npz_file(result, unknown, tmp_path):
     with np.load(export.write_export(unknown, tmp_path / "y.npz"), allow_pickle=False) as data:
         assert "covariance" not in data
         assert "not determined" in str(data["convention"])
+
+
+def test_covariances_in_the_convention_of_a_library(result, tmp_path):
+    path = result.export(tmp_path / "x.npz", covariance_convention="manif")
+    with np.load(path, allow_pickle=False) as data:
+        assert_same_covariance(from_convention(data["covariance"], result.X, "manif"), result.covariance, 1e-9)
+        assert_same_covariance(
+            from_convention(data["covariance_inverse"], result.inverse, "manif"), result.covariance_inverse, 1e-9
+        )
+        assert "manif: translation first" in str(data["convention"])
+    path = result.export(tmp_path / "x.yaml", "opencv", covariance_convention="gtsam")
+    assert "gtsam: rotation first" in path.read_text(encoding="utf-8")
+    with pytest.raises(uq.InputError, match="opencv and npz take one"):
+        result.export(tmp_path / "x.json", covariance_convention="gtsam")
 
 
 @pytest.mark.slow

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from support import random_covariance
 
+import uq_handeye as uq
+from uq_handeye.core.geometry.conventions import CovarianceReading
 from uq_handeye.errors import InputError
 from uq_handeye.model.noise.models import PairNoise, PoseNoise
+from uq_handeye.model.noise.noise_toml import read_stated_noise
 from uq_handeye.read import read_noise_file
 
 UNIT = np.eye(6).tolist()
@@ -89,6 +93,22 @@ def with_entry(i, j, value):
         (f"[camera]\ncovariance = {with_entry(0, 0, -1.0)}\n", ["[camera]", "variances", "-1"]),
         (f"[camera]\ncovariance = {with_entry(0, 0, float('inf'))}\n", ["[camera]", "finite"]),
         (f"[camera]\ncovariance = {(3 * np.ones((6, 6)) - 2.5 * np.eye(6)).tolist()}\n", ["semidefinite"]),
+        (f'[camera]\ncovariance = {UNIT}\nconvention = "gtsm"\n', ["[camera]", "'gtsm'", "Did you mean 'gtsam'"]),
+        (f"[camera]\ncovariance = {UNIT}\nconvention = 3\n", ["[camera]", "name of a convention, got 3"]),
+        (f"[camera]\ncovariance = {UNIT}\ninformation = 1\n", ["[camera]", "information to be true or false"]),
+        (f'[camera]\ncovariance = {UNIT}\nof = "target"\n', ["[camera]", "pose, inverse"]),
+        (f'[camera]\ncovariance = {UNIT}\npixel_sd = "1px"\n', ["[camera]", "number of pixels"]),
+        (f"[camera]\ncovariance = {UNIT}\npixel_sd = true\n", ["[camera]", "number of pixels"]),
+        (
+            f'[camera]\ncovariance = {UNIT}\nconvention = "opencv"\npixel_sd = 0.2\n',
+            ["[camera]", "factor of their own"],
+        ),
+        (
+            '[camera]\nconvention = "gtsam"\nrotation = 1\ntranslation = 1\n',
+            ["[camera]", "convention is for a covariance"],
+        ),
+        (f'[A]\ncovariance = {UNIT}\nconvention = "gtsam"\n', ["[A]", "convention is for a covariance"]),
+        ('[camera]\ncovariance = [[1, 2], [3]]\nconvention = "ros"\n', ["[camera]", "rows of different lengths"]),
         (b"[robot]\n# \xff\n", ["line 2", "UTF-8"]),
         (b"[robot]\n\0\n", ["line 2"]),
     ],
@@ -101,6 +121,54 @@ def test_one_line_says_what_is_wrong(file, content, parts):
     assert len(text) < 500
     for part in ("noise.toml", *parts):
         assert part in text
+
+
+def test_a_convention_needs_the_poses(file, rng):
+    poses = uq.simulate(n_poses=4, seed=1)
+    S = random_covariance(rng)
+    L = np.linalg.inv(uq.to_convention(S, poses.camera, "g2o", of="inverse"))
+    text = f"""[robot]
+rotation = "0.02deg"
+translation = "0.05mm"
+[camera]
+covariance = {L.tolist()}
+convention = "g2o"
+information = true
+of = "inverse"
+pixel_sd = 0.5
+"""
+    with pytest.raises(InputError, match=r"noise\.toml: the convention of a covariance depends on the poses"):
+        read_noise_file(file(text))
+    noise = read_noise_file(file(text), poses)
+    np.testing.assert_allclose(noise.camera, np.tile(0.25 * S, (4, 1, 1)), rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(np.diag(noise.robot)), [np.radians(0.02)] * 3 + [5e-5] * 3)
+    assert noise.read_as["camera"].words == "g2o,information,inverse,pixel_sd=0.5"
+    assert noise.rows(np.array([1, 2])).read_as == noise.read_as
+    with pytest.raises(InputError, match=r"`camera` to cover 3 poses, got 4"):
+        read_noise_file(file(text), poses.rows(np.arange(3)))
+
+
+@pytest.mark.parametrize(
+    ("S", "message"),
+    [
+        (np.diag([1.0, 1, 1, 1, 1, 0]), "singular"),
+        (np.triu(np.ones((6, 6))), "symmetric"),
+        (3 * np.ones((6, 6)) - 2.5 * np.eye(6), "semidefinite|indefinite"),
+    ],
+)
+@pytest.mark.parametrize("information", ["true", "false"])
+def test_a_matrix_that_is_no_covariance(file, S, message, information):
+    if message == "singular" and information == "false":
+        pytest.skip("a covariance may be singular")
+    text = f'camera.covariance = {S.tolist()}\ncamera.convention = "gtsam"\ncamera.information = {information}\n'
+    with pytest.raises(InputError, match=message):
+        read_noise_file(file(text), uq.simulate(n_poses=4, seed=1))
+
+
+def test_one_reading_in_place_of_that_of_the_file(file):
+    text = f'[camera]\ncovariance = {UNIT}\nconvention = "gtsam"\n[robot]\nrotation = 1\ntranslation = 1\n'
+    noise = read_stated_noise(file(text), CovarianceReading("ros"))
+    assert noise.readings == {"camera": CovarianceReading("ros")}
 
 
 def test_files_that_cannot_be_read(tmp_path, file, monkeypatch):

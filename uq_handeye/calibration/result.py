@@ -328,14 +328,15 @@ class Calibration(Statement):
 
         return figure_of(self, name)
 
-    def export(self, path: str | Path, format: str | None = None) -> Path:
+    def export(self, path: str | Path, format: str | None = None, *, covariance_convention: str = "toolkit") -> Path:
         """X for another program: JSON, ROS, URDF, OpenCV, NPZ, or as a robot writes it; see `export`.
 
-        ``format`` is a name in `export.FORMATS`; None takes it from the suffix.
+        ``format`` is a name in `export.FORMATS`; None takes it from the suffix. ``covariance_convention``: of the
+        covariances in files of OpenCV and NPZ, a name in `conventions.CONVENTIONS`.
         """
         from ..formats.export import write_export
 
-        return write_export(self, path, format)
+        return write_export(self, path, format, covariance_convention)
 
     def export_urdf(self, path: str | Path, urdf: str | Path, narrower: float = 0.5) -> CorrectedUrdf:
         """Write the URDF of the arm, corrected by the errors that the data determine, to ``path``.

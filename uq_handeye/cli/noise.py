@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
+from .options import said_of
 from .shared_errors import SharedOptions
 
 if TYPE_CHECKING:
+    from ..core.geometry.conventions import CovarianceReading
     from ..model.noise.estimate import NoisePrior
     from ..model.noise.models import Noise, PoseNoise
+    from ..model.noise.stated_noise import StatedNoise
+    from ..model.poses.pose_pairs import PosePairs
 
 BOTH_EXACT = "Robot and camera cannot both be exact. Give the standard deviations of one, or neither option."
 # Value in place of standard deviations: that side has no noise.
@@ -28,20 +32,34 @@ class NoiseOptions:
         or exact. Default: estimated.
       --noise FILE.toml: Noise file with full 6x6 covariances, in place of --robot-noise and --camera-noise. Its table
         [shared] holds shared errors.
+      --covariance-convention NAME <CONVENTION_NAMES>: Convention of the covariances in the noise file and in files of
+        poses. The library that wrote them, e.g. gtsam; with commas information, inverse (of the inverse poses) or
+        pixel_sd=0.2. Default: as the file says.
     """
 
     robot_noise: str | None = None
     camera_noise: str | None = None
     noise: Path | None = None
+    covariance_convention: str | None = None
 
-    def read(self) -> "tuple[Noise | None, NoisePrior | None]":
+    @property
+    def reading(self) -> "CovarianceReading | None":
+        """Reading of the covariances of poses, in place of what the files say."""
+        from ..core.geometry.conventions import CovarianceReading
+
+        if self.covariance_convention is None:
+            return None
+        with said_of("--covariance-convention"):
+            return CovarianceReading.parse(self.covariance_convention)
+
+    def read(self) -> "tuple[Noise | StatedNoise | None, NoisePrior | None]":
         """Return the noise of the options, or a prior if they name one side only."""
         from ..model.noise.estimate import NoisePrior
         from ..model.noise.models import PoseNoise
-        from ..read import read_noise_file
+        from ..model.noise.noise_toml import read_stated_noise
 
         if self.noise is not None:
-            noise = read_noise_file(self.noise)
+            noise = read_stated_noise(self.noise, self.reading)
             if noise is not None and (self.robot_noise is not None or self.camera_noise is not None):
                 raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
             if noise is not None:
@@ -67,15 +85,34 @@ class NoiseOptions:
 class Given:
     """Noise and shared errors as given."""
 
-    noise: "Noise | None"
+    noise: "Noise | StatedNoise | None"
     prior: "NoisePrior | None"  # what is known beforehand: one side as given, or data sheets
     shared: SharedOptions
     file: Path | None  # noise file, which may hold shared errors too
+    reading: "CovarianceReading | None" = None  # of covariances that come with poses
+
+    def noise_at(self, poses: "PosePairs") -> "Noise | None":
+        """Return the noise of these poses."""
+        from ..model.noise.stated_noise import StatedNoise
+
+        return self.noise.at(poses) if isinstance(self.noise, StatedNoise) else self.noise
 
 
 def given_of(options: NoiseOptions, shared: SharedOptions) -> Given:
     """Return noise and shared errors of the options."""
-    return Given(*options.read(), shared, options.noise)
+    return Given(*options.read(), shared, options.noise, options.reading)
+
+
+def without_poses(noise: "Noise | StatedNoise | None", command: str) -> "Noise | None":
+    """Return the noise; raise `InputError` if it is stated in a convention that needs the poses."""
+    from ..model.noise.stated_noise import StatedNoise
+
+    if isinstance(noise, StatedNoise):
+        raise InputError(
+            f"{command} takes covariances as the toolkit has them: those of another convention depend on the poses. "
+            "Remove --covariance-convention, and `convention` from the noise file."
+        )
+    return noise
 
 
 def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":

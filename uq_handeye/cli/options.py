@@ -76,6 +76,12 @@ FORMAT_NAMES = (
     *CONTROLLER_NAMES,
     "table",
 )
+# Names of core.geometry.conventions.CONVENTIONS.
+CONVENTION_NAMES = (
+    *("toolkit", "ros", "napa", "se3-right", "gtsam", "small-gicp", "manif", "sophus", "jaxlie", "g2o", "se3-left"),
+    *("open3d", "pytransform3d", "pypose", "symforce", "calibsense", "opencv", "pycolmap", "factorama", "mrpt"),
+    "paper",
+)
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
 PAIRINGS = ("rows", "time", "async")

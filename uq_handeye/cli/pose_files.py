@@ -9,7 +9,7 @@ from ..core.files.lines import floats
 from ..errors import InputError, InputWarning
 from .arm import Arm
 from .messages import LOG, command_line, timed
-from .noise import EXACT, Given
+from .noise import EXACT, Given, without_poses
 from .options import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, one_of
 
 if TYPE_CHECKING:
@@ -272,10 +272,10 @@ class PoseFiles(StreamFiles):
         noise: Any
         if views is not None:
             poses, _ = files._poses_and_noise(None, None, arm, sensors)
-            noise = views.beside(poses, given.noise, given.prior)
+            noise = views.beside(poses, given.noise_at(poses), given.prior)
             shared = of_all.errors(poses, None, given.file, views)
         else:
-            poses, noise = files._poses_and_noise(given.noise, pictures, arm, sensors)
+            poses, noise = files._poses_and_noise(given, pictures, arm, sensors)
             if poses.camera_calibration is not None:
                 from ..fit.input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
 
@@ -322,7 +322,7 @@ class PoseFiles(StreamFiles):
 
     def _poses_and_noise(
         self,
-        noise: "Noise | None",
+        given: Given | None,
         pictures: "Pictures | None",
         arm: Arm | None,
         sensors: "Sensors | None" = None,
@@ -347,9 +347,11 @@ class PoseFiles(StreamFiles):
                 raise InputError(f"{name} needs --pair {needed}, got --pair {how or PAIRINGS[0]}.")
         with timed(f"reading {shown}"):
             if how == "async":
+                noise = None if given is None else without_poses(given.noise, "--pair async")
                 poses, noise = self._synchronised_poses(noise, sensors or self.sensors(arm))
             else:
                 poses = self._read(how, pictures, arm)
+                noise = None if given is None else given.noise_at(poses)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < fewest:
             raise InputError(

@@ -9,6 +9,7 @@ from ..errors import InputError
 from .delivery import Wanted, deliver, deliver_answer
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
+from .noise import without_poses
 from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, coordinates, emit, one_of
 
 if TYPE_CHECKING:
@@ -83,7 +84,9 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
         raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
     setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
     tolerance, reading, named = _tolerance(files), _reading(files), _named(cameras)
-    return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), given.noise
+    return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), without_poses(
+        given.noise, "calibrate of a rig"
+    )
 
 
 def _tolerance(files: "PoseFiles") -> float:

@@ -53,10 +53,11 @@ def question_of(
     from .views import Views
 
     def beside(poses: "PosePairs") -> tuple[Any, Any]:
+        noise = given.noise_at(poses)
         if isinstance(seen, Views):
-            noise = seen.beside(poses, given.noise, given.prior)
-            return noise, given.shared.errors(poses, None, given.file, seen)
-        return given.noise, given.shared.errors(poses, given.noise, given.file)
+            of_views = seen.beside(poses, noise, given.prior)
+            return of_views, given.shared.errors(poses, None, given.file, seen)
+        return noise, given.shared.errors(poses, noise, given.file)
 
     return Question({**options, "prior": given.prior}, beside, tolerance)
 

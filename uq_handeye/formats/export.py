@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.files.atomic import write_atomically
 from ..core.files.open import StrPath, as_path, shown
-from ..core.geometry.conventions import TOOLKIT
+from ..core.geometry.conventions import TOOLKIT, convention_of, to_convention
 from ..core.geometry.se3 import Array
 from ..errors import InputError, require_one_of
 from .controllers.forms import CONTROLLERS
@@ -82,27 +82,31 @@ def _urdf_several(of: Several) -> str:
     return str(template().urdf([head, *followed], of.poses))
 
 
-def _opencv_one(result: Exportable) -> str:
-    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
-    return str(template().opencv(open_comments(result), [(X, opencv_name(X)) for X in transforms_of(result)], said))
+def _opencv_one(result: Exportable, convention: str = "toolkit") -> str:
+    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {convention_of(convention).words}"
+    named = [(X, opencv_name(X)) for X in transforms_of(result)]
+    return str(template().opencv(open_comments(result), named, said, convention))
 
 
 def _opencv_several(of: Several) -> str:
     return str(template().opencv(of.comments, [(X, X.name) for X in of.every], f"Covariances of {TOOLKIT}"))
 
 
-def _npz_one(result: Exportable) -> bytes:
+def _npz_one(result: Exportable, convention: str = "toolkit") -> bytes:
+    def converted(covariance: Array | None, T: Array | None) -> Array | None:
+        return None if covariance is None or T is None else to_convention(covariance, T, convention)
+
     return _npz(
         X=result.X,
         X_inverse=result.inverse,
-        covariance=result.covariance,
-        covariance_inverse=result.covariance_inverse,
+        covariance=converted(result.covariance, result.X),
+        covariance_inverse=converted(result.covariance_inverse, result.inverse),
         W=result.W,
-        covariance_W=result.covariance_W,
+        covariance_W=converted(result.covariance_W, result.W),
         open_directions=None if result.opened is None else result.opened.basis,
         frame=result.frame,
         frame_W=result.frame_W,
-        convention=NOT_DETERMINED if result.covariance is None else f"covariances of {TOOLKIT}",
+        convention=NOT_DETERMINED if result.covariance is None else f"covariances of {convention_of(convention).words}",
     )
 
 
@@ -156,6 +160,8 @@ _OF_SEVERAL: dict[str, Callable[[Several], str | bytes]] = {
     "npz": _npz_several,
 }
 FORMATS = tuple(_OF_ONE)
+# Formats whose covariances may be in any convention; others have that of the program they are for, or the toolkit's.
+_IN_ANY_CONVENTION: dict[str, Callable[[Exportable, str], str | bytes]] = {"opencv": _opencv_one, "npz": _npz_one}
 
 # What a suffix means, the first by itself.
 _SUFFIXES = {
@@ -169,7 +175,9 @@ _SUFFIXES = {
 }
 
 
-def write_export(result: Exportable, path: StrPath, format: str | None = None) -> Path:
+def write_export(
+    result: Exportable, path: StrPath, format: str | None = None, covariance_convention: str = "toolkit"
+) -> Path:
     """Write X for another program, whole or not at all.
 
     Parameters
@@ -179,6 +187,7 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
     format : one of `FORMATS`, or None
         None takes it from the suffix: .json, .yaml and .yml (ros), .py (launch), .urdf, .npz. All others must be asked
         for: the suffix does not tell them.
+    covariance_convention : a name in `conventions.CONVENTIONS`, of the covariances in files of OpenCV and NPZ
 
     Returns
     -------
@@ -188,10 +197,20 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
     Raises
     ------
     InputError
-        An unknown format, a suffix that says none or another one, a file that cannot be written.
+        An unknown format, a suffix that says none or another one, a file that cannot be written; a convention of
+        covariances for a format that has its own.
     """
     target, name = _format_of(path, format, FORMATS)
-    write_atomically(target, exported(result, name))
+    if convention_of(covariance_convention).name == "toolkit":
+        content = exported(result, name)
+    elif name in _IN_ANY_CONVENTION:
+        content = _IN_ANY_CONVENTION[name](result, covariance_convention)
+    else:
+        raise InputError(
+            f"Expected no `covariance_convention` (--covariance-convention) for the format {name}, whose covariance "
+            f"has a convention of its own, or none: {' and '.join(_IN_ANY_CONVENTION)} take one."
+        )
+    write_atomically(target, content)
     return target
 
 

@@ -205,7 +205,8 @@ _FORMS = (
         "4x4 matrix, metres; maps points of {child} into {parent}: p_{parent} = {name} p_{child}.", _OURS),
     ("cv2", "python", "OpenCV: {name}",
         "R (3x3) and t (3x1, metres) as of cv::calibrateHandEye: p_{parent} = R p_{child} + t.",
-        f"OpenCV has no convention for the covariance; this is ours. {_OURS}"),
+        "Covariance of (rvec, t), in the order of stdDeviationsExtrinsics: the numbers of the rotation vector of R, "
+        "rad, and t, m."),
     ("ros2", "bash", "ROS 2 static transform: {name}",
         "Metres and unit quaternion. Put your own frame names in: the camera is the frame with z forward, which ROS "
         "calls optical. It carries no covariance.", ""),

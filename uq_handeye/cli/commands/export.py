@@ -9,7 +9,7 @@ from ..delivery import (
 )
 from ..exit_status import ExitStatus
 from ..messages import LOG, fail
-from ..options import CONTROLLER_NAMES, emit, one_of, require_writable
+from ..options import CONTROLLER_NAMES, CONVENTION_NAMES, emit, one_of, require_writable
 
 if TYPE_CHECKING:
     pass
@@ -28,6 +28,7 @@ def export_command(
     file: Path,
     format: str | None = None,
     corrects: Path | None = None,
+    covariance_convention: str | None = None,
 ) -> int:
     """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
@@ -51,6 +52,8 @@ def export_command(
         Default: by the suffix of FILE.
       * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
         are known (standard deviation below half of the prior) and writes their covariance as JSON.
+      --covariance-convention NAME <CONVENTION_NAMES>: Convention of the covariances in files of OpenCV and NPZ, e.g.
+        gtsam. Default: toolkit.
     """
     from ...calibration.result import Calibration, load
     from ...rig.result import RigCalibration
@@ -64,13 +67,16 @@ def export_command(
         return 0
     name = None if format is None else one_of(format, "--format", (*EXPORT_NAMES, "toml"))
     stored = load(result)
+    convention = one_of(covariance_convention or "toolkit", "--covariance-convention", CONVENTION_NAMES)
     if isinstance(stored, RigCalibration):
+        if convention != "toolkit":
+            raise InputError("--covariance-convention: for the result of one camera, not of a rig. Remove it.")
         emit(f"Wrote {stored.export(file, name)}\n")
         return 0
     if stored.reasons:
         fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
         return ExitStatus.NOT_USABLE
-    emit(f"Wrote {stored.export(file, name)}\n")
+    emit(f"Wrote {stored.export(file, name, covariance_convention=convention)}\n")
     if not stored.usable:
         LOG.warning(
             "X is known in part. Not determined: %s. What was written holds one of all X that fit.",

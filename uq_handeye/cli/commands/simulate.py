@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
-from ..noise import NoiseOptions, exact_beside, require_of_poses
+from ..noise import NoiseOptions, exact_beside, require_of_poses, without_poses
 from ..options import SETUP_NAMES, emit
 
 MAX_POSES = 1_000_000  # about 1 GB of memory
@@ -61,7 +61,9 @@ def simulate_command(
     from ...trials.simulation.rig import simulate
 
     given, known = options.read()
-    noise = require_of_poses(given, "simulate") if known is None else exact_beside(known)  # no further noise is drawn
+    noise = (
+        require_of_poses(without_poses(given, "simulate"), "simulate") if known is None else exact_beside(known)
+    )  # no further noise is drawn
     if options.noise is not None and read_shared_errors(options.noise):
         raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")
     if seed < 0:

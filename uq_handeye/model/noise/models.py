@@ -8,7 +8,7 @@ camera. The frames are those of the quantity itself: for ``base_T_gripper`` the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, Self, cast
@@ -22,6 +22,7 @@ from ...core.files.tree_values import is_map
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance
+from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Block, Document, Paragraph, Table, document_of
 from ...core.presentation.html import html_of
@@ -73,7 +74,7 @@ class _TwoSides(Record):
             raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {got}.")
 
     def _with(self, sides: dict[str, Any]) -> Self:
-        return cast(Self, cast(Any, type(self))(**sides, prior=self.prior))
+        return cast(Self, replace(cast(Any, self), **sides))
 
     def rows(self, index: Index) -> Self:
         """Return the noise of some of the poses or motions, by their numbers or a mask; of a joint covariance its
@@ -143,6 +144,8 @@ class PoseNoise(_TwoSides):
     robot's if it is None, unless its ``pixel_sd`` is known.
 
     ``prior``: what is known of X and W beforehand, which counts as a measurement like the poses (`PosePrior`).
+    ``read_as``: how the covariance of a side was read where it was stated in a convention of another library; the
+    numbers here are those of the toolkit. `calibrate` reads them in other ways where they do not fit.
     """
 
     SIDES: ClassVar[tuple[str, str]] = ("robot", "camera")
@@ -152,6 +155,7 @@ class PoseNoise(_TwoSides):
     robot: Any = None  # array or JointCovariance
     camera: Any = None  # also CameraNoise, of unknown pixel noise
     prior: PosePrior | None = field(default=None, kw_only=True)
+    read_as: Mapping[str, CovarianceReading] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         self._checked(_checked_side)

@@ -1,0 +1,1 @@
+"""Covariances of poses, measured on the libraries whose conventions the toolkit names, by `measure`."""
