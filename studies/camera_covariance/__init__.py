@@ -6,7 +6,7 @@ Simulated cameras look at a board of 9 x 6 corners from 20 poses each: focal len
 drawn again for every set, the corners have Gaussian noise, the robot little. Every set is calibrated from its corners
 only. X is then estimated with the joint covariance of the camera poses, with the same covariance without the
 correlations between poses (independent noise), with the joint one beside robot noise that is estimated as well, and, in
-the first sets, by bundle adjustment of everything. 1,000 sets with ``--full``, 50 without.
+the first sets, by bundle adjustment of everything. 1,000 sets with ``--full``, 60 without.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from uq_handeye.model.noise.models import marginals
 
 SEED = 2019
 SIZE = (1280, 960)
-SETS, FULL = 50, 1_000
+SETS, FULL = 60, 1_000
 BUNDLES = 20  # one set in so many is adjusted as a whole too
 PIXEL = 0.2
 ROBOT = np.diag([5e-5] * 3 + [2e-5] * 3) ** 2  # 0.003 deg, 0.02 mm

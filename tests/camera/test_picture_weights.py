@@ -24,34 +24,35 @@ def uneven(rng, n=20, spread=0.8):
     return 0.2 * np.exp(spread * rng.normal(size=(n, 1, 1)))
 
 
-def distances(weighted, spread, sets=SETS):
-    """d^2 and error of the translation (mm) of ``sets`` cameras."""
+def distances(spread, sets=SETS):
+    """d^2 and error of the translation (mm) of ``sets`` cameras, with weights of the pictures and without."""
     found = []
     for k in range(sets):
         rng = np.random.default_rng([SEED, k])
         corners, robot, X = recorded(rng, pixel=uneven(rng, spread=spread))
         poses = poses_of(corners, robot)
         seen = poses.camera_calibration
-        covariance = seen.covariance
-        if not weighted:
-            same = adjust(seen.bundle.unknowns, seen.corners, (seen.bundle.parameters, seen.poses))
-            F = same.by_parameters @ np.linalg.cholesky(same.covariance)
-            poses, covariance = uq.PosePairs(poses.robot, same.poses), uq.JointCovariance(same.own, F)
-        fit = efficient(poses, uq.PoseNoise(ROBOT, covariance))
-        e = error(fit.X, X)
-        found.append((e @ np.linalg.solve(fit.covariance_X, e), 1e3 * np.linalg.norm(e[3:])))
-    return np.array(found).T
+        same = adjust(seen.bundle.unknowns, seen.corners, (seen.bundle.parameters, seen.poses))
+        F = same.by_parameters @ np.linalg.cholesky(same.covariance)
+        row = []
+        for of, covariance in (
+            (poses, seen.covariance),
+            (uq.PosePairs(poses.robot, same.poses), uq.JointCovariance(same.own, F)),
+        ):
+            fit = efficient(of, uq.PoseNoise(ROBOT, covariance))
+            e = error(fit.X, X)
+            row.append((e @ np.linalg.solve(fit.covariance_X, e), 1e3 * np.linalg.norm(e[3:])))
+        found.append(row)
+    return np.moveaxis(found, 0, -1)
 
 
 @pytest.mark.statistical
 def test_uneven_pictures_are_weighed_and_equal_ones_lose_nothing():
     low, high = mean_interval(SETS)
-    d2, mm = distances(True, 0.8)
-    equal_weights = distances(False, 0.8)[1]
+    (d2, mm), (_, equal_weights) = distances(0.8)
     assert 0.8**2 * low < d2.mean() < high  # quiet pictures are taken as a little noisier: a careful covariance
     assert np.sqrt(np.mean(mm**2)) < 0.7 * np.sqrt(np.mean(equal_weights**2))
-    equal_d2, equal_mm = distances(True, 0.0)
-    same_mm = distances(False, 0.0)[1]
+    (equal_d2, equal_mm), (_, same_mm) = distances(0.0)
     assert low < equal_d2.mean() < high
     assert np.sqrt(np.mean(equal_mm**2)) < 1.05 * np.sqrt(np.mean(same_mm**2))
 

@@ -1,7 +1,6 @@
 """zhao: linear programs for the least absolute residuals, and their covariance."""
 
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from support import (
     assert_same_covariance,
     difference,
     exact_motions,
-    exact_poses,
     is_consistent,
     jacobian,
     left_matrix,
@@ -178,9 +176,9 @@ def test_noise_of_the_size_of_sampled_signs(rng):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("unit", [1.0, 1000.0])
-def test_covariance_of_pair_noise_is_true(rng, unit):
-    trials, N = 300, 60
+def test_covariance_of_pair_noise_is_true_in_millimetres(rng):
+    """In metres, and for pairs of poses: `test_statistics_of_methods.py`."""
+    trials, N, unit = 300, 60, 1000.0
     X, A, B = exact_motions(rng, N)
     for T in (X, A, B):
         T[..., :3, 3] *= unit
@@ -191,36 +189,6 @@ def test_covariance_of_pair_noise_is_true(rng, unit):
     xi = difference(found, X)
     assert is_consistent(xi, covariance), nees(xi, covariance).mean()
     assert not is_consistent(xi, 0.8 * covariance) and not is_consistent(xi, 1.25 * covariance)
-
-
-@pytest.mark.statistical
-def test_covariance_of_pose_noise_is_true(rng):
-    """Noise that pairs share, all pairs of 20 poses."""
-    n, trials, sd = 20, 120, 1e-3
-    X, G, C = exact_poses(rng, n)
-    i, j = np.array(list(combinations(range(n), 2))).T
-
-    def motions(xi):
-        """xi (..., 2, n, 6)."""
-        G_, C_ = moved(G, xi[..., 0, :, :]), moved(C, xi[..., 1, :, :])
-        return (
-            np.linalg.inv(G_[..., j, :, :]) @ G_[..., i, :, :],
-            C_[..., j, :, :] @ np.linalg.inv(C_[..., i, :, :]),
-        )
-
-    A, B = motions(np.zeros((2, n, 6)))
-
-    def of_poses(z):
-        near = motions(z.reshape(-1, 2, n, 6))
-        return np.concatenate([difference(near[0], A), difference(near[1], B)], axis=-1)
-
-    step = 1e-5 * np.eye(12 * n)
-    L = np.moveaxis(of_poses(step) - of_poses(-step), 0, -1) / 2e-5 * sd  # (pairs, 12, 12 n)
-    covariance = METHOD.solver.covariance(A, B, X, lambda pairs: L[pairs]).value
-    xi = difference(METHOD(*motions(sd * rng.normal(size=(trials, 2, n, 6)))), X)
-    assert is_consistent(xi, covariance), nees(xi, covariance).mean()
-    independent = METHOD.solver.covariance(A, B, X, PairNoise(2 * sd**2 * np.eye(6), 2 * sd**2 * np.eye(6))).value
-    assert not is_consistent(xi, independent)
 
 
 @pytest.mark.slow

@@ -1,10 +1,11 @@
 """The simulated cameras are what they say, and the findings say the opposite where the table does."""
 
 import numpy as np
-import pandas as pd
 import pytest
+from fixtures.study_tables import quick_tables
+from support import mean_interval
 
-from studies.camera_covariance import PIXEL, ROBOT, SIZE, error, findings, one_set, poses_of, recorded
+from studies.camera_covariance import PIXEL, ROBOT, SIZE, error, findings, poses_of, recorded
 from uq_handeye.core.geometry.se3 import inverse
 
 pytestmark = pytest.mark.slow
@@ -32,8 +33,16 @@ def test_noise_of_corners_and_robot():
     assert 0.5 < np.sqrt(np.mean(shift**2)) / 2e-5 < 1.5
 
 
+@pytest.mark.statistical
+def test_the_joint_covariance_is_consistent_and_that_of_each_pose_by_itself_is_not():
+    rows = quick_tables("camera_covariance")["sets"]
+    low, high = mean_interval(len(rows))
+    assert len(rows) == 60 and low < rows.joint_d2.mean() < high
+    assert rows.independent_d2.mean() > max(high, 20)
+
+
 def test_the_verdict_follows_the_table():
-    rows = pd.DataFrame([one_set(seed, seed == 0) for seed in range(6)])
+    rows = quick_tables("camera_covariance")["sets"].copy()
     text = findings({"sets": rows})
     assert "same covariance without correlations between poses, the covariance of X is too small" in text
     assert "joint covariance of the camera poses, the covariance of X is consistent" in text
