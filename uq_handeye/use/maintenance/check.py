@@ -29,6 +29,7 @@ from ...model.posterior.owners import ROBOT, THINGS, others_by_pictures
 from ...rig.checks.check import RigCheck, check_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
+from . import check_text as check_text  # registers the text of a result
 from .causes import (
     CAMERA_MOVED,
     FOCAL_LENGTH,
