@@ -13,7 +13,7 @@ from support import CONFIDENCE, SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
 from uq_handeye.cli import arm as arm_options
-from uq_handeye.cli import options as cli_options
+from uq_handeye.cli import names as cli_names
 from uq_handeye.model.kinematics import kinematic_errors
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.workspace_gauge import aligned_poses
@@ -87,8 +87,8 @@ def close(found, X):
 
 def test_names_are_those_of_the_package():
     of_package = (kinematic_errors.HOW, tuple(kinematic_errors.POPULATIONS), kinematic_errors.FLANGES)
-    assert of_package == (arm_options.HOW, cli_options.ROBOT_CLASSES, arm_options.FLANGES)
-    assert (Kinematics.arm_names(), tuple(CLASSES)) == (arm_options.ROBOT_MODELS, cli_options.ACCURACY_CLASSES)
+    assert of_package == (arm_options.HOW, cli_names.ROBOT_CLASSES, arm_options.FLANGES)
+    assert (Kinematics.arm_names(), tuple(CLASSES)) == (arm_options.ROBOT_MODELS, cli_names.ACCURACY_CLASSES)
 
 
 # ------------------------------------------------------------------------------------------------------------ numbers

@@ -17,9 +17,10 @@ from fixtures.commands import NOISE, run, write_session
 import uq_handeye as uq
 from uq_handeye.calibration.request import BUNDLE, COVARIANCES
 from uq_handeye.cli import app as cli
-from uq_handeye.cli import options as cli_options
+from uq_handeye.cli import names as cli_names
 from uq_handeye.cli.commands import export as cli_files
-from uq_handeye.cli.options import choices, methods_of, one_of, parameters_of, with_messages, without_options
+from uq_handeye.cli.options import choices, parameters_of, with_messages, without_options
+from uq_handeye.cli.values import methods_of, one_of
 from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.geometry.frames import SETUPS
@@ -45,16 +46,16 @@ def session(tmp_path_factory):
 
 
 def test_names_are_those_of_the_registries():
-    assert tuple(ESTIMATORS) == cli_options.AT_THE_BOUND
-    assert tuple(METHODS) == cli_options.PUBLISHED
-    assert tuple(ROBOT_WORLD_METHODS) == cli_options.ROBOT_WORLD
-    assert cli_options.BUNDLE == BUNDLE
-    assert tuple(SETUPS) == cli_options.SETUP_NAMES
-    assert cli_options.COVARIANCE_NAMES == COVARIANCES
-    assert set(cli_options.FORMAT_NAMES) == set(FORMATS)
-    assert tuple(CONTROLLERS) == cli_options.CONTROLLER_NAMES
-    assert tuple(CONVENTIONS) == cli_options.CONVENTION_NAMES
-    assert set(cli_options.UNITS) <= set(LENGTH_UNITS)
+    assert tuple(ESTIMATORS) == cli_names.AT_THE_BOUND
+    assert tuple(METHODS) == cli_names.PUBLISHED
+    assert tuple(ROBOT_WORLD_METHODS) == cli_names.ROBOT_WORLD
+    assert cli_names.BUNDLE == BUNDLE
+    assert tuple(SETUPS) == cli_names.SETUP_NAMES
+    assert cli_names.COVARIANCE_NAMES == COVARIANCES
+    assert set(cli_names.FORMAT_NAMES) == set(FORMATS)
+    assert tuple(CONTROLLERS) == cli_names.CONTROLLER_NAMES
+    assert tuple(CONVENTIONS) == cli_names.CONVENTION_NAMES
+    assert set(cli_names.UNITS) <= set(LENGTH_UNITS)
     assert set(cli_files.EXPORT_NAMES) == set(EXPORTED)
 
 

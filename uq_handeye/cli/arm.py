@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import InputError
-from .options import ROBOT_CLASSES, Options, one_of, said_of
+from .names import ROBOT_CLASSES
+from .options import Options
+from .values import one_of, said_of
 
 if TYPE_CHECKING:
     from ..model.kinematics.chain import Kinematics

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from ..core.files.lines import floats
 from ..errors import InputError
-from .options import Options, metres, one_of
+from .options import Options
+from .values import metres, one_of
 
 if TYPE_CHECKING:
     from ..model.camera.board_shape import BoardShape

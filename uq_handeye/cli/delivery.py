@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.files.about import read_about
+from ..core.numbers.limits import MIN_SHOWN_CORRELATION
 from ..core.runtime.progress import working
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from .exit_status import ExitStatus
 from .messages import LOG, command_line, fail, progress_wanted, quiet, terminal_width, timed, verbose
-from .options import PAPERS, emit, emit_document, one_of, require_writable
+from .names import PAPERS
+from .printing import emit, emit_document
+from .values import one_of, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +64,7 @@ def emit_result(
     *,
     as_json: bool = False,
     last: tuple[str, ...] = (),
-    threshold: float = 0.5,
+    threshold: float = MIN_SHOWN_CORRELATION,
 ) -> int:
     """Print a calibration and return the exit status: JSON, the 4x4 (-q), everything (-v) or one screen.
 
@@ -318,7 +321,7 @@ class AllOutputs(Outputs):
       --with-cross-check: Report with Monte Carlo and posterior; takes a minute.
     """
 
-    threshold: float = 0.5
+    threshold: float = MIN_SHOWN_CORRELATION
     with_cross_check: bool = False
 
 
@@ -336,7 +339,7 @@ def deliver_result(
     wishes: ReportOptions | None = None,
     *,
     check: "CrossCheck | None" = None,
-    threshold: float = 0.5,
+    threshold: float = MIN_SHOWN_CORRELATION,
     more: str = "",
 ) -> int:
     """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""

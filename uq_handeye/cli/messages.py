@@ -20,6 +20,7 @@ from typing import Any, TextIO
 import typer
 
 from ..core.files.one_line import printable
+from ..core.presentation.document import COLUMNS, WIDTH
 from ..errors import InputError, InputWarning
 from .exit_status import ExitStatus
 
@@ -27,9 +28,8 @@ LOG = logging.getLogger("uq_handeye")
 
 _WORDS = {logging.INFO: "note: ", logging.WARNING: "warning: ", logging.ERROR: "error: "}
 _COLOURS = {logging.WARNING: "yellow", logging.ERROR: "red"}
-# Columns of text where stdout is no terminal, and the fewest and most that text is wrapped to.
-COLUMNS = 80
-_NARROWEST, _WIDEST = 40, 118
+# Fewest columns that text is wrapped to.
+MIN_COLUMNS = 40
 # Colour of a status on stdout.
 _STATUS_COLOURS = {"ok": "green", "caution": "yellow", "failed": "red", "not run": "bright_black"}
 
@@ -124,7 +124,7 @@ def terminal_width() -> int:
     else:
         given = os.environ.get("COLUMNS", "")
         columns = int(given) if given.isdecimal() else COLUMNS
-    return min(max(columns, _NARROWEST), _WIDEST)
+    return min(max(columns, MIN_COLUMNS), WIDTH)
 
 
 def styled(text: str, role: str) -> str:

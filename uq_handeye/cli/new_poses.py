@@ -14,11 +14,12 @@ from .bag_files import RobotGiven, given_of_robot
 from .boards import KINDS as BOARDS
 from .boards import BoardOptions
 from .messages import timed, verbose, withheld
+from .names import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD
 from .noise import Given, given_of, noise_of
-from .options import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, one_of, said_of
 from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
 from .touches import TouchesToUse
+from .values import one_of, said_of
 from .views import Views, views_of
 
 if TYPE_CHECKING:

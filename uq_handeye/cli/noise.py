@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
-from .options import said_of
 from .shared_errors import SharedOptions
+from .values import said_of
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading

@@ -8,7 +8,8 @@ from ..core.runtime.progress import working
 from ..errors import InputError
 from .boards import BoardOptions
 from .messages import LOG, progress_wanted, timed
-from .options import Options, one_of
+from .options import Options
+from .values import one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.files.lines import floats
+from ..core.numbers.limits import MIN_POSES
 from ..errors import InputError, InputWarning
 from .arm import Arm
 from .messages import LOG, command_line, timed
+from .names import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES
 from .noise import EXACT, Given, without_poses
-from .options import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, one_of
+from .values import one_of
 
 if TYPE_CHECKING:
     from ..model.noise.models import Noise
@@ -296,7 +298,7 @@ class PoseFiles(StreamFiles):
         selection = self.selection(poses, fewest=1)
         return poses if selection is None else poses.rows(selection.kept)
 
-    def selection(self, poses: "PosePairs", fewest: int = 3) -> "Selection | None":
+    def selection(self, poses: "PosePairs", fewest: int = MIN_POSES) -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
         from ..model.poses.pose_numbers import select_poses
 
@@ -326,7 +328,7 @@ class PoseFiles(StreamFiles):
         pictures: "Pictures | None",
         arm: Arm | None,
         sensors: "Sensors | None" = None,
-        fewest: int = 3,
+        fewest: int = MIN_POSES,
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
         how = None if self.pair is None else one_of(self.pair, "--pair", PAIRINGS)

@@ -9,8 +9,10 @@ from ..errors import InputError
 from .delivery import Wanted, deliver, deliver_answer
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
+from .names import AT_THE_BOUND, PAIRINGS, SETUP_NAMES
 from .noise import without_poses
-from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, coordinates, emit, one_of
+from .printing import emit
+from .values import coordinates, one_of
 
 if TYPE_CHECKING:
     from ..rig.description import Rig

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from .options import ACCURACY_CLASSES, one_of, said_of
+from .names import ACCURACY_CLASSES
+from .values import one_of, said_of
 
 if TYPE_CHECKING:
     from ..model.noise.models import Noise

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options import UNITS, coordinates, one_of
+from .names import UNITS
+from .values import coordinates, one_of
 
 if TYPE_CHECKING:
     from ..calibration.estimate.analysis import FittedKinematics

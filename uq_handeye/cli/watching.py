@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from .messages import LOG, quiet
 from .noise import Given
-from .options import emit
 from .pictures import Pictures
 from .pose_files import PoseFiles, StreamFiles
+from .printing import emit
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration

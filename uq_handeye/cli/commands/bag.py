@@ -8,7 +8,7 @@ from ..bag_files import info_of
 from ..boards import read_length
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options import emit
+from ..printing import emit
 
 if TYPE_CHECKING:
     from ...model.poses.stream import Stream

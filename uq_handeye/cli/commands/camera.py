@@ -8,8 +8,9 @@ from ...errors import InputError, InputWarning
 from ..boards import BoardOptions, read_two_numbers
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options import UNITS, one_of
+from ..names import UNITS
 from ..pictures import LensOptions
+from ..values import one_of
 
 if TYPE_CHECKING:
     pass

@@ -10,7 +10,7 @@ from ..delivery import (
 from ..exit_status import ExitStatus
 from ..messages import quiet, timed
 from ..new_poses import NewPoses
-from ..options import shown
+from ..printing import shown
 from ..rigs import NEW_VIEWS, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:

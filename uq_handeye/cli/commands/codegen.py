@@ -7,7 +7,8 @@ from typing import Any
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options import emit, one_of
+from ..printing import emit
+from ..values import one_of
 
 # Names of symbolic.codegen.COMMENTS, repeated here so that help and completion load quickly.
 LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 from ...errors import InputError
 from ..delivery import deliver_answer
 from ..messages import fail, progress_wanted, timed, verbose, withheld
+from ..names import EVERY_METHOD
 from ..new_poses import Session
-from ..options import EVERY_METHOD, methods_of
+from ..values import methods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

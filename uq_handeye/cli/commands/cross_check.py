@@ -10,7 +10,7 @@ from ..delivery import REPORTS, deliver_answer, write_report
 from ..exit_status import ExitStatus
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session
-from ..options import require_writable
+from ..values import require_writable
 
 if TYPE_CHECKING:
     pass

@@ -12,7 +12,7 @@ from ..delivery import (
     deliver_result,
 )
 from ..messages import LOG, quiet
-from ..options import require_writable
+from ..values import require_writable
 
 if TYPE_CHECKING:
     pass

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from ..delivery import (
     deliver_answer,
 )
-from ..options import shown
+from ..printing import shown
 
 if TYPE_CHECKING:
     pass

@@ -9,7 +9,9 @@ from ..delivery import (
 )
 from ..exit_status import ExitStatus
 from ..messages import LOG, fail
-from ..options import CONTROLLER_NAMES, CONVENTION_NAMES, emit, one_of, require_writable
+from ..names import CONTROLLER_NAMES, CONVENTION_NAMES
+from ..printing import emit
+from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
     pass

@@ -10,9 +10,9 @@ from ...errors import InputError
 from ..arm import arm_alone
 from ..delivery import Outputs, Wanted, wanted_of
 from ..noise import Given, noise_of
-from ..options import emit
 from ..pictures import Pictures, pictures_of
 from ..pose_files import StreamFiles
+from ..printing import emit
 from ..touches import TouchesToUse
 
 if TYPE_CHECKING:

@@ -9,10 +9,11 @@ from ...errors import InputError
 from ..arm import Arm, arm_alone
 from ..delivery import deliver_answer
 from ..messages import timed
+from ..names import CONTROLLER_NAMES
 from ..noise import Given, given_of, require_of_poses
-from ..options import CONTROLLER_NAMES, one_of
 from ..pose_files import PoseFiles
 from ..rigs import plan_stored_rig, stored_rig
+from ..values import one_of
 
 if TYPE_CHECKING:
     pass

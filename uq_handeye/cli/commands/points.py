@@ -8,7 +8,8 @@ from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options import UNITS, one_of
+from ..names import UNITS
+from ..values import one_of
 
 if TYPE_CHECKING:
     pass

@@ -8,8 +8,8 @@ from ...errors import InputError
 from ..delivery import deliver, wrote
 from ..messages import progress_wanted, timed
 from ..new_poses import Session
-from ..options import emit
 from ..pose_prior import pose_prior_of
+from ..printing import emit
 
 if TYPE_CHECKING:
     pass

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.files.csv_text import csv_text
+from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
 from ..delivery import (
     deliver_answer,
 )
-from ..options import coordinates
 from ..rigs import predict_stored_rig, stored_rig
+from ..values import coordinates
 
 if TYPE_CHECKING:
     from ...calibration.prediction.predict import CameraPrediction
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
 
 
 TableRow = list[float | str]
-
-
-# Number of rows printed; the files hold all.
-PRINTED = 40
 
 
 @dataclass(frozen=True)
@@ -229,7 +226,7 @@ def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration", re
     return to_text(
         [
             [Heading(what), Paragraph(known)],
-            Table("", head, cells[:PRINTED], units=["", "", *["mm"] * 7], named=False),
+            Table("", head, cells[:MAX_PRINTED_ROWS], units=["", "", *["mm"] * 7], named=False),
             _more(len(cells)),
         ]
     )
@@ -254,7 +251,7 @@ def _text_of_poses(seen: "CameraPrediction") -> str:
                 Heading(f"camera_T_target at {n} robot {'pose' if n == 1 else 'poses'}"),
                 Paragraph(f"Predicted {noise}."),
             ],
-            Table("", head, cells[:PRINTED], units=units, named=False),
+            Table("", head, cells[:MAX_PRINTED_ROWS], units=units, named=False),
             _more(n),
         ]
     )
@@ -263,7 +260,7 @@ def _text_of_poses(seen: "CameraPrediction") -> str:
 def _more(n: int) -> "list[Paragraph]":
     from ...core.presentation.document import Paragraph
 
-    return [Paragraph(f"{n - PRINTED} more rows: -o DIR or --json has all.")] if n > PRINTED else []
+    return [Paragraph(f"{n - MAX_PRINTED_ROWS} more rows: -o DIR or --json has all.")] if n > MAX_PRINTED_ROWS else []
 
 
 def _mm(values: "Array") -> list[str]:

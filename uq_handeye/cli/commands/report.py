@@ -18,7 +18,9 @@ from ..delivery import (
 )
 from ..exit_status import ExitStatus
 from ..messages import progress_wanted, quiet, timed
-from ..options import PAPERS, emit, emit_document, one_of, require_writable
+from ..names import PAPERS
+from ..printing import emit, emit_document
+from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration

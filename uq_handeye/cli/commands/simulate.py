@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
+from ..names import SETUP_NAMES
 from ..noise import NoiseOptions, exact_beside, require_of_poses, without_poses
-from ..options import SETUP_NAMES, emit
+from ..printing import emit
 
 MAX_POSES = 1_000_000  # about 1 GB of memory
 

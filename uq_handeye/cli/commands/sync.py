@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 from ..delivery import deliver_answer
 from ..messages import LOG, timed
-from ..options import one_of
 from ..pose_files import StreamFiles
+from ..values import one_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

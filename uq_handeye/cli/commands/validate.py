@@ -11,9 +11,11 @@ from ...errors import InputError
 from ..delivery import deliver, wrote
 from ..exit_status import ExitStatus
 from ..messages import LOG, progress_wanted, verbose
+from ..names import EVERY_METHOD
 from ..new_poses import Session
-from ..options import EVERY_METHOD, emit, emit_document, methods_of, require_writable
 from ..pose_prior import pose_prior_of
+from ..printing import emit, emit_document
+from ..values import methods_of, require_writable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

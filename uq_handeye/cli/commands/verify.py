@@ -10,8 +10,10 @@ from ..delivery import (
     deliver_answer,
 )
 from ..exit_status import ExitStatus
-from ..options import UNITS, one_of, shown
+from ..names import UNITS
+from ..printing import shown
 from ..touches import TouchOptions
+from ..values import one_of
 
 if TYPE_CHECKING:
     from ...core.geometry.se3 import Array
