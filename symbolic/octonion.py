@@ -15,9 +15,9 @@ from sympy import Expr, LeviCivita, Matrix, Symbol, eye, sqrt
 Vector = Sequence[Expr]
 
 
-def entries(prefix: str, rows: int = 4, columns: int = 4) -> Matrix:
-    """General matrix of symbols `prefix11 .. prefix44`, numbered from one as in the paper."""
-    return Matrix(rows, columns, lambda i, j: Symbol(f"{prefix}{i + 1}{j + 1}"))
+def entries(prefix: str, size: int = 4) -> Matrix:
+    """General square matrix of symbols `prefix11 .. prefix44`, numbered from one as in the paper."""
+    return Matrix(size, size, lambda i, j: Symbol(f"{prefix}{i + 1}{j + 1}"))
 
 
 def coordinates(prefix: str, count: int, first: int = 1) -> Matrix:

@@ -20,7 +20,7 @@ def skew(v: Matrix) -> Matrix:
 
 def pose() -> tuple[Matrix, Matrix]:
     """General R (3x3) and t (3) of a pose T, symbols r11..r33 and t1..t3; nothing assumes R orthogonal."""
-    return entries("r", 3, 3), coordinates("t", 3)
+    return entries("r", 3), coordinates("t", 3)
 
 
 def F1(R: Matrix, t: Matrix, d: Expr) -> Matrix:

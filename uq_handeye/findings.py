@@ -27,6 +27,8 @@ from .errors import InputError, InputWarning
 
 # Residuals that are this many times as large as the noise explains make a failure of a caution.
 GROSS_EXCESS = 5.0
+# Digits of a printed number where nothing else is known of its accuracy.
+SIGNIFICANT_DIGITS = 3
 # Rank of failures that explain no other ones.
 LAST_RANK = 99
 
@@ -46,7 +48,7 @@ Values: TypeAlias = Mapping[str, Any]
 Said = str | Callable[[Values], str]
 
 
-def digits(value: SupportsFloat, significant: int = 3) -> str:
+def digits(value: SupportsFloat, significant: int = SIGNIFICANT_DIGITS) -> str:
     """Format a number with the given significant digits, without an exponent where that is short."""
     x = float(value)
     if x == 0 or 1e-4 <= abs(x) < 1e6:

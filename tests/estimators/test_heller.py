@@ -1,7 +1,6 @@
 """heller: the global minimum of the dual-quaternion equations, with a certificate."""
 
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
@@ -133,7 +132,7 @@ def test_batch_equals_loop(rng):
 
 def test_no_iterations_no_answer(rng, monkeypatch):
     pytest.importorskip("cvxpy")
-    monkeypatch.setattr(heller, "stationary", partial(heller.stationary, max_steps=1))
+    monkeypatch.setattr(heller, "MAX_STEPS", 1)
     _, A, B = noisy_motions(rng, 5)
     assert not METHOD.estimate(A, B).converged
     with pytest.raises(NotConvergedError, match="'heller' did not converge"):

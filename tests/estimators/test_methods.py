@@ -1,7 +1,5 @@
 """Every method of the registry: what it says of itself, exact data, its singular cases, and the derivative of its X."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from support import (
@@ -258,7 +256,7 @@ def test_gwak_minimises_the_error_metric(rng):
 def test_an_iteration_that_does_not_end_is_flagged(rng, monkeypatch):
     from uq_handeye.methods.estimators import gwak
 
-    monkeypatch.setattr(gwak, "_descend", partial(gwak._descend, max_steps=1))
+    monkeypatch.setattr(gwak, "MAX_STEPS", 1)
     _, A, B = noisy_motions(rng, 6, 0.05, (3,))
     estimate = uq.METHODS["gwak"].estimate(A, B)
     assert not estimate.converged.any() and estimate.X.shape == (3, 4, 4)

@@ -1,7 +1,5 @@
 """zhao: linear programs for the least absolute residuals, and their covariance."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
@@ -114,7 +112,7 @@ def test_batch_equals_loop(rng):
 
 
 def test_no_iterations_no_answer(rng, monkeypatch):
-    monkeypatch.setattr(zhao, "_descend", partial(zhao._descend, max_programs=1))
+    monkeypatch.setattr(zhao, "MAX_STEPS", 1)
     _, A, B = noisy_motions(rng, 5)
     with pytest.raises(NotConvergedError, match="'zhao' did not converge"):
         METHOD(A, B)

@@ -377,7 +377,7 @@ def test_candidates_that_cannot_be():
     camera = data.camera.copy()
     camera[3, :3, 3] = 0.0
     with pytest.raises(InputError, match="Camera pose 3 is at the target"):
-        sample_candidates(PosePairs(data.robot, camera), data.truth.X, W)
+        sample_candidates(PosePairs(data.robot, camera), data.truth.X, W, 10)
     for n in (0, 1.5, True, 100_001):
         with pytest.raises(InputError, match="between 1 and 100000"):
             sample_candidates(data, data.truth.X, W, n)

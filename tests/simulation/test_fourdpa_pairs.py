@@ -6,7 +6,7 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference, exact_motions, moved, random_covariance, transforms
 
 import uq_handeye as uq
-from uq_handeye.trials.simulation.fourdpa import BLOCK_MOTIONS, MIN_BLOCK_TRIALS, fourdpa_on_drawn
+from uq_handeye.trials.simulation.fourdpa import CHUNK, MIN_BLOCK_TRIALS, fourdpa_on_drawn
 
 
 def generator(seed=SEED):
@@ -16,8 +16,8 @@ def generator(seed=SEED):
 def drawn(noise, N, trials, rng):
     """The same errors of A and of B (trials, N, 6) as the engine draws: block after block, trials last."""
     errors = np.zeros((2, trials, N, 6))
-    pairs = max(1, min(N, BLOCK_MOTIONS // MIN_BLOCK_TRIALS))
-    step = max(MIN_BLOCK_TRIALS, BLOCK_MOTIONS // N)
+    pairs = max(1, min(N, CHUNK // MIN_BLOCK_TRIALS))
+    step = max(MIN_BLOCK_TRIALS, CHUNK // N)
     for first in range(0, trials, step):
         for start in range(0, N, pairs):
             block = errors[:, first : first + step, start : start + pairs]

@@ -106,7 +106,7 @@ def test_rotations_of_the_isoclinic_parts(side, read, sign):
 def test_stationarity_in_the_limit(sign):
     """4: the condition of either Wahba problem is g + sign epsilon h + O(epsilon^2), any R, t, u, w, v, z."""
     u, w, v, z, t = (coordinates(name, 3) for name in "uwvzt")
-    R = entries("r", 3, 3)
+    R = entries("r", 3)
     e = sign * EPSILON
     condition = (u + e * w).cross((eye(3) + e * skew(t)) * R * (v + e * z))
     g = u.cross(R * v)

@@ -26,8 +26,8 @@ from ..core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
 
-# Lines before the names or the first numbers that may hold a title.
-MAX_TITLE_LINES = 30
+# First lines of a text by which a table is recognised; those before its names or numbers may hold a title.
+MAX_HEAD_LINES = 50
 # Numbers that a pose of a table without names has at least.
 MIN_NUMBERS = 6
 
@@ -191,13 +191,13 @@ def _named_rows(
                 names = tuple(both)
                 continue
             title, last = title + 1, found
-            if title > MAX_TITLE_LINES:
+            if title > MAX_HEAD_LINES:
                 break
             continue
         above, before = before, fields
         if rows and not numbers and is_header(fields):  # files put together repeat the names
             continue
-        if names is None and not numbers and number < MAX_TITLE_LINES and is_header(both := _with_above(above, fields)):
+        if names is None and not numbers and number < MAX_HEAD_LINES and is_header(both := _with_above(above, fields)):
             names, rows = tuple(both), []  # what came before was no pose
             continue
         if separator != "," and any("," in field for field in numbers):

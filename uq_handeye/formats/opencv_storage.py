@@ -225,13 +225,13 @@ def _matrix(tree: Tree, where: str) -> Array:
     return numbers.reshape(int(shape[0]), -1) if numbers.size else numbers
 
 
-def yaml_number(value: float, digits: int = 17) -> str:
+def yaml_number(value: float, digits: int | None = None) -> str:
     """A float that YAML 1.1 takes for one: with a point, also before an exponent.
 
     >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(-0.0)
     ('1.0e-05', '2.0', '0.0')
     """
-    text = repr(float(f"{value + 0.0:.{digits}g}"))
+    text = repr(float(value) + 0.0 if digits is None else float(f"{value + 0.0:.{digits}g}"))
     mantissa, e, exponent = text.partition("e")
     return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"
 

@@ -153,7 +153,7 @@ def fixed_axis_angles(R: Array) -> Array:
     return np.array([roll, pitch, yaw]) + 0.0
 
 
-def yaml_fields(axes: str, values: Array, digits: int = 17) -> str:
+def yaml_fields(axes: str, values: Array, digits: int | None = None) -> str:
     """``{x: 1.0, y: 2.0, z: 3.0}``."""
     fields = (f"{axis}: {yaml_number(value, digits)}" for axis, value in zip(axes, values, strict=True))
     return f"{{{', '.join(fields)}}}"
@@ -187,7 +187,7 @@ def template() -> Any:
         NOT_DETERMINED=NOT_DETERMINED,
         OWN_FRAMES=OWN_FRAMES,
         fields=yaml_fields,
-        numbers=lambda row, digits=17: ", ".join(yaml_number(value, digits) for value in row),
+        numbers=lambda row, digits=None: ", ".join(yaml_number(value, digits) for value in row),
         short=short,
         shorts=lambda row, mark: mark.join(map(short, row)),
         joint=urdf_joint,

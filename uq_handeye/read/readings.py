@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
+from ..core.numbers.limits import MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
@@ -27,8 +28,6 @@ from ..model.poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
 DECISIVE_RATIO = 5.0
-# Fewest poses that decide.
-MIN_POSES_TO_DECIDE = 4
 
 Rows = NDArray[np.intp] | slice
 # RMS rotation (rad) and translation (m) of the target about its mean, and |t_X| (m).

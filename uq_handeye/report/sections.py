@@ -25,7 +25,7 @@ from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
 from ..core.geometry.conventions import CONVENTION
-from ..core.numbers.limits import MAX_LISTED, MAX_NAMED
+from ..core.numbers.limits import MAX_LISTED, MAX_NAMED, MAX_PRINTED_ROWS, MIN_SHOWN_CORRELATION
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
@@ -41,10 +41,6 @@ if TYPE_CHECKING:
     from .comparison.compare import Compared
     from .comparison.result import Comparison
 
-# Correlations of two components are listed from this size on.
-MIN_SHOWN_CORRELATION = 0.5
-# The table of residuals has all poses up to this number; beyond it as many flagged ones, and the worst.
-MAX_TABLE_POSES = 40
 _NOT_CONTAINED = "The numbers do not contain:"
 NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
 _AXES = "xyz"
@@ -201,11 +197,11 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table.counted):,} stands out."))
         blocks += [Paragraph(str(one)) for one in result.findings if one.code == "calibration.excluded"]
         order = np.argsort(-table.distance2, kind="stable").tolist()
-        if len(table) <= MAX_TABLE_POSES:
+        if len(table) <= MAX_PRINTED_ROWS:
             shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
         else:
-            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MAX_TABLE_POSES]
-            excluded = [k for k in order if table.flag[k] == "excluded"][:MAX_TABLE_POSES]
+            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MAX_PRINTED_ROWS]
+            excluded = [k for k in order if table.flag[k] == "excluded"][:MAX_PRINTED_ROWS]
             shown = sorted({*flagged, *excluded, *order[:MAX_LISTED]}, key=order.index)
             also = "flagged ones, excluded ones" if excluded else "flagged ones"
             which = f"{len(shown)} of {len(table):,} {table.item}s: {also} and those of largest d², worst first"

@@ -26,6 +26,7 @@ from ..calibration.result import Calibration
 from ..core.files.open import StrPath, as_path
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse
+from ..core.numbers.limits import MIN_POSES
 from ..errors import InputError, InputWarning, NotConvergedError
 from ..formats.ros_messages import Message
 from ..model.poses.pose_pairs import PosePairs
@@ -124,7 +125,7 @@ class EasyHandeyeBackend:
         return _calibration(parameters, result.X) if result.usable else None
 
 
-def poses_of_samples(parameters: Message, samples: Message, fewest: int = 3) -> PosePairs:
+def poses_of_samples(parameters: Message, samples: Message, fewest: int = MIN_POSES) -> PosePairs:
     """Return the samples of easy_handeye2 or easy_handeye as `PosePairs`.
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...findings import SIGNIFICANT_DIGITS
 from ...findings import digits as digits
 from ...findings import probability as probability
 from ..geometry.se3 import Array
@@ -30,7 +31,7 @@ def rough(value: float) -> str:
     return digits(float(f"{value:.1e}"), 2)
 
 
-def fixed(value: float | np.floating[Any], significant: int = 3) -> str:
+def fixed(value: float | np.floating[Any], significant: int = SIGNIFICANT_DIGITS) -> str:
     """Format as `digits`, but keep the zeros at the end: for columns of a table.
 
     >>> fixed(0.8), fixed(10), fixed(1234.5), fixed(0)
@@ -42,7 +43,7 @@ def fixed(value: float | np.floating[Any], significant: int = 3) -> str:
     return f"{value:.0f}" if abs(value) >= 10**significant else f"{value:#.{significant}g}".rstrip(".")
 
 
-def column(values: ArrayLike, significant: int = 3) -> list[str]:
+def column(values: ArrayLike, significant: int = SIGNIFICANT_DIGITS) -> list[str]:
     """Numbers of a column with their decimal points below each other.
 
     So many decimals that the median has ``significant`` digits. Where that would leave less than one digit of the

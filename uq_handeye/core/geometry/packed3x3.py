@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.numbers.rounding import TINY
 from ..numbers.rounding import SOLUTION_ROUNDING
 from .se3 import Array
 
 # Determinant over that of the isotropic matrix of equal trace below which LAPACK inverts: cofactors cancel there.
 MIN_RELATIVE_DETERMINANT = 1e-7
-# Added to squared angles, so that 0 / 0 does not come up.
-SQUARE_OFFSET = 1e-300
 
 EYE = np.eye(3)
 # Arrays and `take`, which is several times faster than a list between brackets.
@@ -79,7 +78,7 @@ def rotation(v: Array) -> Array:
 
 def _sinc(squares: Array) -> tuple[Array, Array]:
     """``sin(a) / a`` and ``(1 - cos a) / a^2`` of ``a^2``."""
-    half = 0.5 * np.sqrt(squares + SQUARE_OFFSET)
+    half = 0.5 * np.sqrt(squares + TINY)  # no 0 / 0
     sine = np.sin(half) / half
     return np.cos(half) * sine, 0.5 * sine * sine
 

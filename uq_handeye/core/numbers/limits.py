@@ -24,9 +24,15 @@ MAX_NAME_CHARACTERS = 200
 # Entries that a sentence names before "and n more", and rows that a printed table has.
 MAX_NAMED = 6
 MAX_LISTED = 12
+# Rows of a table of poses, pictures or points, and of a list of topics; of more, the worst or the first.
+MAX_PRINTED_ROWS = 40
+# Correlations of two components are listed from this size on.
+MIN_SHOWN_CORRELATION = 0.5
 # Points that a figure draws; more are thinned evenly.
 MAX_DRAWN_POINTS = 4_000
+# Poses that decide between two readings of a file, as units, directions or orders.
+MIN_POSES_TO_DECIDE = 4
 # Poses that determine X at least: two motions about different axes.
 MIN_POSES = 3
-# Poses, motions or views from which on outliers can be distinguished from the others.
+# Poses, motions, views or points from which on outliers can be distinguished from the others.
 MIN_POSES_FOR_ROBUST = 5

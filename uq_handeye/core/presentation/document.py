@@ -16,7 +16,7 @@ from ...findings import Finding
 
 # Longest line of text, in characters, unless the caller says otherwise.
 WIDTH = 118
-# Columns of a first screen.
+# Columns of a first screen, and of text where stdout is no terminal.
 COLUMNS = 80
 
 # Make a piece of text look like its role: "answer", "heading", or the status of a check.

@@ -25,6 +25,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
+from ...core.numbers.limits import MAX_DRAWN_POINTS
 from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
 from ..geometry.rotations import Rotation
@@ -48,7 +49,6 @@ STYLES: tuple[tuple[str, Any], ...] = (
 )
 WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
 
-MAX_SAMPLES = 5000  # drawn: more only blacken the panels
 PREFIXES = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
 
 
@@ -200,7 +200,7 @@ def ellipse(S: Array, i: int, j: int, factor: Array) -> Array:
 def _draw(axis: Axes, i: int, j: int, covariances: Mapping[str, Array], points: Array, scale: Array) -> None:
     """Samples, ellipses and correlation of one panel."""
     if len(points):
-        step = -(-len(points) // MAX_SAMPLES)
+        step = -(-len(points) // MAX_DRAWN_POINTS)
         x, y = (points[::step, [i, j]] / scale[[i, j]]).T
         axis.plot(x, y, ".", color="0.65", markersize=1.5, markeredgewidth=0, rasterized=True, zorder=1)
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)

@@ -16,9 +16,9 @@ from typing import Any
 from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ...errors import InputError
 from ..contents import Contents
-from ..number_table import NUMBER
+from ..number_table import MAX_HEAD_LINES, NUMBER
 from .records import records_side
-from .tables import HEAD_LINES, HELP
+from .tables import HELP
 
 _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
 _LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
@@ -38,7 +38,7 @@ def is_labelled(head: str) -> bool:
     if head.lstrip().startswith("{") or (head.lstrip().startswith("<") and "<origin" not in head):  # of URDF
         return False
     try:
-        first = next(_entries(head, HEAD_LINES), None)
+        first = next(_entries(head, MAX_HEAD_LINES), None)
     except (InputError, csv.Error):
         return False
     return first is not None and len(first) == 2

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.files.lines import floats
-from ...core.numbers.limits import MAX_ROWS
+from ...core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
 from ...errors import InputError, InputWarning
 from ..contents import Contents, Side
 from ..number_table import NUMBER
@@ -47,10 +47,10 @@ class Found:
         """Return the number of the line of a place in the text, from 1."""
         return bisect_right(self._ends, place - 1) + 1
 
-    def before(self, match: re.Match[str], most: int = 100) -> str:
+    def before(self, match: re.Match[str]) -> str:
         """Return what stands before a match in its line."""
         start = self.text.rfind("\n", 0, match.start()) + 1
-        return self.text[max(start, match.start() - most) : match.start()]
+        return self.text[max(start, match.start() - MAX_NAME_CHARACTERS) : match.start()]
 
     def add(self, line: int, label: re.Match[str] | None, values: Sequence[str], named: str = "") -> None:
         """Add a pose; raises `InputError` for a value that is no number."""

@@ -36,7 +36,7 @@ def add_staubli_poses(found: Found) -> None:
     if found.text.lstrip().startswith("<"):
         return _staubli_data(found)
     for match in BRACES.finditer(found.text):
-        before = found.before(match, 80)
+        before = found.before(match)
         if not before.lstrip().startswith("//"):
             found.add(found.line(match.start()), _STAUBLI_LABEL.search(before), fields_of_list(match[1]))
 

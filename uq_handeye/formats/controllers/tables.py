@@ -29,13 +29,11 @@ from ..columns import (
     pose_columns,
 )
 from ..contents import NORM_TOLERANCE, Contents, Side
-from ..number_table import MAX_TITLE_LINES, MIN_NUMBERS, NumberTable, names_of, read_number_table
+from ..number_table import MAX_HEAD_LINES, MIN_NUMBERS, NumberTable, names_of, read_number_table
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
 
 HELP = "see docs/how-to/controller.md"
-# The first rows, up to this many, decide whether a text is a table of poses.
-HEAD_LINES = 50
 _POSITION = ("x", "y", "z")
 # Words before the columns of one side, in a table of both.
 _ROBOTS = ("robot", "gripper", "hand", "tool", "tool0", "tcp", "ee", "eef", "flange", "arm", "base")
@@ -112,7 +110,7 @@ def is_table_header(names: Sequence[str]) -> bool:
 
 def names_a_pose(head: str) -> bool:
     """Return whether one of the first lines of a text names the columns of poses."""
-    return any(is_table_header(names_of(line)) for line in head.split("\n", MAX_TITLE_LINES)[:MAX_TITLE_LINES])
+    return any(is_table_header(names_of(line)) for line in head.split("\n", MAX_HEAD_LINES)[:MAX_HEAD_LINES])
 
 
 def pose_side(table: NumberTable, counted: str) -> Side:
@@ -124,7 +122,7 @@ def pose_side(table: NumberTable, counted: str) -> Side:
 
 def table_kind(head: str) -> str | None:
     """Return the format that the beginning of a text is a table of: a maker, "table" where that is open, or None."""
-    text = "\n".join(head.splitlines()[:HEAD_LINES]) if head.count("\n") > HEAD_LINES else head
+    text = "\n".join(head.splitlines()[:MAX_HEAD_LINES]) if head.count("\n") > MAX_HEAD_LINES else head
     try:
         table = read_number_table(text, "", is_table_header, "", guessed=text is not head or len(head) > 65_000)
         columns = _columns(table, None)

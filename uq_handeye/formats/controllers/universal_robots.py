@@ -24,7 +24,7 @@ def add_ur_poses(found: Found) -> None:
     features = whole = 0
     for match in _UR_POSE.finditer(found.text):
         whole += 1
-        before = found.before(match, 80)
+        before = found.before(match)
         if before.lstrip().startswith("#") or re.search(r"set_tcp\s*\(\s*$", before):
             continue
         label = _UR_LABEL.search(before)

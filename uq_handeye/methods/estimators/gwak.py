@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry.se3 import Array, perturb, pose, skew
+from ...core.numbers.iterations import MAX_STEPS
 from ...core.numbers.rounding import PRODUCT_ROUNDING, SOLUTION_ROUNDING
 from .kronecker import kronecker_factors, normal_equations, rotation_equations
 from .linear import require_axes, right_handed
@@ -47,7 +48,7 @@ def _nearby(moments: Moments, N: int, X: Array) -> Array:
     return _descend(*normal_equations(moments[0]), X).X
 
 
-def _descend(G: Array, g: Array, start: Array, max_steps: int = 100) -> Estimate:
+def _descend(G: Array, g: Array, start: Array) -> Estimate:
     """Take damped Newton steps for each problem (T, ...), until each has converged."""
     T = len(G)
     X = np.array(start)
@@ -65,7 +66,7 @@ def _descend(G: Array, g: Array, start: Array, max_steps: int = 100) -> Estimate
     # the step whose effect on f, which is quadratic, is rounding
     rounded_step = np.sqrt(PRODUCT_ROUNDING)
     active = np.arange(T)
-    for count in range(1, max_steps + 1):
+    for count in range(1, MAX_STEPS + 1):
         gradient, hessian = _gwak_slopes(G[active], g[active], X[active])
         s = scale[active]
         gradient, hessian = gradient * s, hessian * s[:, :, None] * s[:, None, :]

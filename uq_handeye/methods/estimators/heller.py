@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
+from ...core.numbers.iterations import MAX_STEPS
 from ...core.numbers.rounding import EPS, HALF_DIGITS, PRODUCT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import MissingExtraError
 from ..procrustes.degeneracy import MIN_SPREAD_RATIO
@@ -98,7 +99,7 @@ def in_units(s: Array, unit: Array) -> Array:
     return pose_of(np.concatenate([s[:, :4], s[:, 4:] * unit[:, None]], axis=1))
 
 
-def stationary(G: Array, start: Array, max_steps: int = 50) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]]:
+def stationary(G: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]]:
     """Apply Newton's method from ``start`` (T, 8): s, (lambda, mu) (T, 2), whether it ended, and after how many steps.
 
     The steps are those of the ten conditions of stationarity at an s that meets the constraints, solved in the six
@@ -109,7 +110,7 @@ def stationary(G: Array, start: Array, max_steps: int = 50) -> tuple[Array, Arra
     T = len(G)
     converged, iterations = np.zeros(T, dtype=bool), np.zeros(T, dtype=np.intp)
     previous, active = np.full(T, np.inf), np.arange(T)
-    for count in range(1, max_steps + 1):
+    for count in range(1, MAX_STEPS + 1):
         x = s[active]
         tangent = np.einsum("kab,tb->tka", _TANGENTS, x)
         S, _ = _lagrangian(G[active], x)

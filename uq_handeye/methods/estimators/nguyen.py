@@ -43,6 +43,7 @@ import numpy as np
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.packed3x3 import EYE, cross, product, unpack
 from ...core.geometry.se3 import Array, pose
+from ...core.numbers.iterations import MAX_STEPS
 from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.pairs import MotionsLike, as_pairs, trial_blocks
@@ -168,7 +169,7 @@ def nguyen(
     *,
     cross_term: CrossTerm = "derived",
     stop: Stop = "scaled",
-    max_iterations: int = 100,
+    max_iterations: int = MAX_STEPS,
 ) -> NguyenResult:
     """X from ``A_k X = X B_k`` by Nguyen and Pham's two stages, weighted by the noise.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.iterations import MAX_STEPS
 from ...core.numbers.rounding import HALF_DIGITS, PRODUCT_ROUNDING
 from ..procrustes.degeneracy import MIN_SPREAD_RATIO
 from .dual_quaternions import dual_factors
@@ -13,7 +14,7 @@ from .method import Estimate, Method, published, require
 from .moments import Moments, MomentSolver
 
 
-def _zhang(moments: Moments, N: int, max_iterations: int = 500) -> Estimate:
+def _zhang(moments: Moments, N: int) -> Estimate:
     r"""Zhang, Zhang and Yang (2017): dual quaternions, their real and dual parts by two steps in turn.
 
     With the equations of `lu`, ``E q = 0`` and ``F q + E q' = 0``, and the blocks ``N = sum E^T E``, ``K = sum E^T F``
@@ -46,7 +47,7 @@ def _zhang(moments: Moments, N: int, max_iterations: int = 500) -> Estimate:
     dual = np.empty((T, 4))
     gap, previous = np.empty(T), np.full(T, np.inf)
     converged, iterations, active = np.zeros(T, dtype=bool), np.zeros(T, dtype=np.intp), np.arange(T)
-    for count in range(1, max_iterations + 1):
+    for count in range(1, MAX_STEPS + 1):
         g, at = G[active], q[active]
         H, mu = _dual_step(g, at)
         spectrum, axes = np.linalg.eigh(_reduced(g, H, mu))

@@ -43,6 +43,7 @@ from scipy.linalg import eigh
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, perturb
+from ...core.numbers.iterations import MAX_STEPS
 from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, HALF_DIGITS, SOLUTION_ROUNDING
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
@@ -166,7 +167,7 @@ def _references(A: Array, B: Array) -> list[Signs | None]:
     return [None] * len(A) if signs is None else [Signs(R) for R in signs.R]
 
 
-def _descend(residuals: Residuals, X: Array, trust: float = 0.5, max_programs: int = 100) -> tuple[Array, bool, int]:
+def _descend(residuals: Residuals, X: Array, trust: float = 0.5) -> tuple[Array, bool, int]:
     """Solve linear programs from X until the step vanishes: X, whether it did, and how many there were."""
     r, J = residuals.at(X)
     value = np.abs(r).sum()
@@ -175,7 +176,7 @@ def _descend(residuals: Residuals, X: Array, trust: float = 0.5, max_programs: i
     scale = np.repeat([1.0, unit], 3)
     rounding = EPS * float(np.abs(residuals.system).sum()) * (1.0 + float(np.abs(_dual_of(X)).max()))
     converged = False
-    for count in range(1, max_programs + 1):
+    for count in range(1, MAX_STEPS + 1):
         step = _linear_program(r, J * scale, trust)
         if step is None:
             return X, False, count
@@ -308,9 +309,7 @@ def _shared_scores(x: Array, rows: Array) -> Array:
     return np.asarray(2.0 / np.pi * scores)
 
 
-def _solve_limited(
-    x: Array, variance: Array, scores: Array, start: float = 100.0, max_iterations: int = 500
-) -> LimitedCovariance:
+def _solve_limited(x: Array, variance: Array, scores: Array, start: float = 100.0) -> LimitedCovariance:
     """Return ``H^-1 S H^-1``, the densities in H limited by the result.
 
     It is the largest fixed point, by iteration from above: ``start`` times the largest variance of a residual.
@@ -321,7 +320,7 @@ def _solve_limited(
     size = np.sqrt(np.mean(x**2, axis=0))
     x, scores = x / size, scores / np.outer(size, size)
     limited = np.full(len(x), start * largest)
-    for _ in range(max_iterations):
+    for _ in range(MAX_STEPS):
         weights = 2.0 / np.sqrt(2.0 * np.pi * limited)
         inverse = np.linalg.inv((x.T * weights) @ x)
         covariance = inverse @ scores @ inverse
@@ -331,7 +330,7 @@ def _solve_limited(
             break
     else:
         raise NotConvergedError(
-            f"The covariance of method 'zhao' did not converge within {max_iterations} iterations: too few residuals "
+            f"The covariance of method 'zhao' did not converge within {MAX_STEPS} iterations: too few residuals "
             "determine X. Add motions, or use another method."
         )
     # what is exact up to rounding does hold X

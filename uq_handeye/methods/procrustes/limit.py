@@ -24,7 +24,7 @@ from itertools import islice, product
 import numpy as np
 
 from ...core.geometry.checks import CHUNK, as_transforms, entry_rows, surely_transforms
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, skew
 from ...core.runtime.scratch import scratch
 from ...core.runtime.threads import cores
 from .degeneracy import are_determined, raise_undetermined
@@ -36,9 +36,7 @@ MIN_PAIRS_FOR_THREADS = 50_000
 # Places of the entries (M32, M13, M21) and (M23, M31, M12) of a 4x4 matrix stored as rows.
 _UPPER, _LOWER = np.array([9, 2, 4]), np.array([6, 8, 1])
 # Twice the axial vector (M32 - M23, M13 - M31, M21 - M12) as a linear function of the entries of a 3x3 matrix.
-_AXIAL = np.zeros((3, 9))
-_AXIAL[(0, 1, 2), (7, 2, 3)] = 1.0
-_AXIAL[(0, 1, 2), (5, 6, 1)] = -1.0
+_AXIAL = skew(np.eye(3)).reshape(3, 9)
 
 
 def solve_limit(A: Array, B: Array) -> Array:

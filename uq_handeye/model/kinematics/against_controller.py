@@ -27,6 +27,7 @@ from ...core.files.json_values import JsonObject
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, inverse, logarithm
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST, MIN_POSES_TO_DECIDE
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding
@@ -205,7 +206,7 @@ class _Fit(NamedTuple):
         return max(_rms(self.cost[_better(self.cost)]), float(np.hypot(THREE_DECIMALS[1], LEVER_M * THREE_DECIMALS[0])))
 
 
-def _best(T: Array, G: Array, share: float = 0.5, min_poses_for_both: int = 5) -> _Fit:
+def _best(T: Array, G: Array, share: float = 0.5) -> _Fit:
     """Return the frames that explain the poses.
 
     A further frame must bring the difference below a ``share`` of that of the simpler frames. With few poses the 12
@@ -213,7 +214,7 @@ def _best(T: Array, G: Array, share: float = 0.5, min_poses_for_both: int = 5) -
     """
     best = _left(T, G, None, None)
     for make in (_tool, _base, _both):
-        if make is _both and len(T) < min_poses_for_both:
+        if make is _both and len(T) < MIN_POSES_FOR_ROBUST:
             continue
         fit = _robust(T, G, make)
         if fit is not None and fit.score < share * best.score:
@@ -317,9 +318,9 @@ class _Reading(NamedTuple):
     G: Array
 
 
-def _explaining(kinematics: Kinematics, q: Array, G: Array, min_poses: int = 4) -> _Reading | None:
+def _explaining(kinematics: Kinematics, q: Array, G: Array) -> _Reading | None:
     """Return the first reading by which the poses are those of the chain; a few poses are tried before all of them."""
-    if len(G) < min_poses:
+    if len(G) < MIN_POSES_TO_DECIDE:
         return None
     for reading in _readings(kinematics, q, G):
         n = len(reading.G)

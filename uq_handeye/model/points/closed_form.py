@@ -15,12 +15,11 @@ from scipy.ndimage import median
 
 from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ...core.numbers.rounding import TINY
 
 # A point agrees with a pose whose residual is below this multiple of the median residual of all points.
 AGREEING_MEDIANS = 6.0
-# Of four points, no three are the only triple that agrees with another point.
-MIN_POINTS_FOR_CONSENSUS = 5
 
 
 def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:
@@ -66,7 +65,7 @@ def consensus(y: Array, p: Array, pose: NDArray[np.intp], n: int, triples: int =
     rng = np.random.default_rng(0)
     for i in np.flatnonzero(largest > far):
         mine = np.flatnonzero(pose == i)
-        if len(mine) < MIN_POINTS_FOR_CONSENSUS:
+        if len(mine) < MIN_POSES_FOR_ROBUST:  # of four, no triple alone agrees with another
             continue
         three = np.array(list(islice(combinations(range(len(mine)), 3), triples + 1)))
         if len(three) > triples:

@@ -36,6 +36,7 @@ from scipy.stats import chi2
 
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array, perturb, skew
+from ...core.numbers.iterations import MAX_STEPS
 from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError, NotConvergedError
 from .closed_form import placed, sums
@@ -152,7 +153,7 @@ def median_variances(r: Array, u: Array, share: float) -> Array:
     return np.asarray(np.median(split_squares(r, u), axis=0) / chi2.median([2, 1]) / share)
 
 
-def fit(points: Matches, T: Array, phi: Array, *, estimate: bool, max_steps: int = 300) -> Fit:
+def fit(points: Matches, T: Array, phi: Array, *, estimate: bool) -> Fit:
     """Poses, and variances if they are to be estimated, from a start of both.
 
     Raises `NotConvergedError`; its ``partial`` is the fit that was reached.
@@ -160,7 +161,7 @@ def fit(points: Matches, T: Array, phi: Array, *, estimate: bool, max_steps: int
     k = len(points.y)
     least = (CHAIN_ROUNDING * float(np.abs(points.y).max())) ** 2 + TINY
     phi = np.maximum(phi, least)
-    for step in range(max_steps):
+    for step in range(MAX_STEPS):
         u = sight_lines(placed(T, points.p, points.pose))
         before = Fit(points, T, by_direction(u, *(1.0 / phi)), phi, np.zeros(2))
         try:

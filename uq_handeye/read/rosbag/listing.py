@@ -8,14 +8,12 @@ from typing import TypeVar
 
 from ...core.files.json_values import JsonObject
 from ...core.formatting.numbers import digits
+from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...core.presentation.html import macros
 from .guess import CAMERA_PLACEHOLDER, ROBOT_PLACEHOLDER, Guess, guess
 from .joints import JointTrack
 from .recording import Recording
 from .track import Pair, Samples
-
-# Lines of one kind; a cell has some tens of frames.
-MAX_LISTING_LINES = 40
 
 SomeTrack = TypeVar("SomeTrack", bound=Samples)
 
@@ -45,7 +43,7 @@ def text_of(recording: Recording, files: list[str]) -> str:
     nothing = (found.robot, found.camera) == (ROBOT_PLACEHOLDER, CAMERA_PLACEHOLDER) and not (
         recording.poses or recording.tree.edges
     )
-    template = macros(__package__, "listing.j2", html=False, digits=digits, MOST=MAX_LISTING_LINES)
+    template = macros(__package__, "listing.j2", html=False, digits=digits, MOST=MAX_PRINTED_ROWS)
     order = list(recording.tags)
     tags = sorted(_tracks(recording.tags), key=lambda one: (order.index(one[0]), one[1:3]))
     parts = (sorted(recording.tree.edges.items()), _tracks(recording.poses), tags)

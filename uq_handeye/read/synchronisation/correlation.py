@@ -126,7 +126,7 @@ def correlate(robot: Speeds, camera: Speeds, low: float, high: float) -> Correla
     lags, values, number = lags[inside], values[inside], number[inside]
     if not np.isfinite(values).any():
         return nothing
-    spread = 1 + 2 * float((_positive_autocorrelation(a) * _positive_autocorrelation(b)).sum())
+    spread = 1 + 2 * float(_shared_correlation(a, b))
     effective = max(float(np.nanmax(number)) / max(spread, 1.0), 4.0)
     trials = max(1.0, len(values) / max(spread, 1.0))
     needed = float(np.tanh(-ndtri(RARE.probability / trials) / np.sqrt(max(effective - 3.0, 1.0))))
@@ -156,23 +156,20 @@ def autocorrelation(x: Array) -> Array:
     return both / both[0] if both[0] > 0 else np.zeros(len(x))
 
 
-def _positive_autocorrelation(x: Array, n: int = 2048) -> Array:
-    """Return the autocorrelation at lag 1, 2, ... n up to where it first is below 0, and zeros behind."""
-    rho = autocorrelation(x)[:n]
-    if (rho <= 0).any():
-        rho[int(np.argmax(rho <= 0)) :] = 0.0
-    result = np.zeros(n)
-    result[: len(rho) - 1] = rho[1:]
-    return result
+def _shared_correlation(a: Array, b: Array) -> float:
+    """Sum of the products of both autocorrelations over lag 1, 2, ... up to where either is first below 0."""
+    rho = [autocorrelation(x)[1 : min(len(a), len(b))] for x in (a, b)]
+    positive = np.logical_and.accumulate((rho[0] > 0) & (rho[1] > 0))
+    return float((rho[0] * rho[1])[positive].sum())
 
 
-def _peaks(lags: Array, values: Array, most: int = 50) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return places and heights of at most ``most`` local maxima, the highest first, refined by a parabola."""
+def _peaks(lags: Array, values: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return places and heights of the local maxima, the highest first, refined by a parabola."""
     filled = np.where(np.isfinite(values), values, -1.0)
     padded = np.concatenate([[-2.0], filled, [-2.0]])
     top = np.flatnonzero((filled >= padded[:-2]) & (filled > padded[2:]) & (filled > -1.0))
     order = top[np.argsort(-filled[top], kind="stable")]
-    order = order[filled[order] >= MIN_PEAK_RATIO * filled[order[0]]][:most] if order.size else order
+    order = order[filled[order] >= MIN_PEAK_RATIO * filled[order[0]]] if order.size else order
     step = lags[1] - lags[0] if len(lags) > 1 else 0.0
     found = []
     for k in order:

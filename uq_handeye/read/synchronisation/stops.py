@@ -67,12 +67,12 @@ def find_stops(
     camera: Array,
     offset: float,
     max_gap: float,
-    margin: float = 0.1,
 ) -> list[Stop]:
     """Return the stops of both, in order; times on the clocks of the sensors, ``robot_time = camera_time + offset``.
 
-    The ``margin`` (s) at both ends of a stop is left out: the arm still settles.
+    A third of the window at both ends of a stop is left out: the arm still settles.
     """
+    margin = STOP_WINDOW_S / 3
     own_times = robot_times - offset  # on the clock of the camera
     still, seen = still_samples(robot_times, robot), still_samples(camera_times, camera)
     edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.checks import CHUNK
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, block, logarithm, skew
 from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
@@ -27,8 +28,8 @@ from ...errors import InputError
 from ...methods.procrustes.limit import solve_moments
 from ...model.noise.models import PairNoise
 
-# Motions of one side in all trials of a block, which stays in cache, and the fewest trials that are worth a call.
-BLOCK_MOTIONS, MIN_BLOCK_TRIALS = 8192, 32
+# Fewest trials of a block that are worth a call.
+MIN_BLOCK_TRIALS = 32
 # Cofactor (i, j) is the product of two entries minus that of two others.
 _COFACTORS = np.array(
     [[3 * ((i + p) % 3) + (j + q) % 3 for i in range(3) for j in range(3)] for p, q in ((1, 1), (2, 2), (1, 2), (2, 1))]
@@ -52,8 +53,8 @@ def fourdpa_on_drawn(
     L_A, L_B = noise.factors
     true_A, true_B = Side.of(A, None, L_A), Side.of(B, X[:3, :3], L_B)
     moments = np.zeros((2, 3, 3, trials))
-    pairs = max(1, min(N, BLOCK_MOTIONS // MIN_BLOCK_TRIALS))
-    step = max(MIN_BLOCK_TRIALS, BLOCK_MOTIONS // N)
+    pairs = max(1, min(N, CHUNK // MIN_BLOCK_TRIALS))
+    step = max(MIN_BLOCK_TRIALS, CHUNK // N)
     for first in range(0, trials, step):
         H, K = moments[..., first : first + step]
         m = H.shape[-1]

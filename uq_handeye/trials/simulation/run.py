@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, difference
 from ...errors import InputError
 from ...fit.likelihood.constraint import constraint_of, covariances_of
@@ -28,7 +29,7 @@ from .fourdpa import fourdpa_on_drawn
 from .rig import disturbed
 
 # Poses or motions of all trials of a block together, which bounds the memory.
-BLOCK_POSES = 16_384
+BLOCK_POSES = 2 * CHUNK
 
 
 class Trials(NamedTuple):

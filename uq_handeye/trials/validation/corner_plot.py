@@ -28,6 +28,8 @@ from .outcome import figure_of
 from .posterior.result import Posterior
 
 COLOUR, OVERLAY = BLUE, ORANGE
+# Bins of a histogram along each axis.
+BINS = 60
 
 
 @figure_of.register
@@ -66,16 +68,16 @@ def corner(posterior: Posterior) -> Figure:
     return figure
 
 
-def _marginal(axis: Axes, x: Array, variance: float, ends: tuple[float, float], bins: int = 60) -> None:
-    axis.hist(x, bins, range=ends, density=True, histtype="stepfilled", color=COLOUR, alpha=0.35)
+def _marginal(axis: Axes, x: Array, variance: float, ends: tuple[float, float]) -> None:
+    axis.hist(x, BINS, range=ends, density=True, histtype="stepfilled", color=COLOUR, alpha=0.35)
     at = np.linspace(*ends, 201)
     axis.plot(at, np.exp(-0.5 * at**2 / variance) / np.sqrt(2 * np.pi * variance), "--", color=OVERLAY, linewidth=1.2)
     axis.set_yticks([])
 
 
-def _joint(axis: Axes, x: Array, bound: Array, ends: Array, bins: int = 60) -> None:
-    counts, across, along = np.histogram2d(x[:, 0], x[:, 1], bins, ends.T)
-    smooth = gaussian_filter(counts, 0.2 * bins / 8.0)  # 0.2 of the 8 standard deviations that the axes show
+def _joint(axis: Axes, x: Array, bound: Array, ends: Array) -> None:
+    counts, across, along = np.histogram2d(x[:, 0], x[:, 1], BINS, ends.T)
+    smooth = gaussian_filter(counts, 0.2 * BINS / 8.0)  # 0.2 of the 8 standard deviations that the axes show
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (across, along)]
     axis.contourf(*middle, smooth.T, _thresholds(smooth), cmap="Blues", alpha=0.75, extend="max")
     axis.contour(*middle, smooth.T, _thresholds(smooth), colors=COLOUR, linewidths=0.9)

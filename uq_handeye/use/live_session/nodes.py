@@ -88,7 +88,7 @@ class Nodes:
         self.node(name, (round(size, 4), filled, key), make, T, colour, clicked)
 
     def board(
-        self, name: str, T: Array, side: float, colour: Colour, opacity: float = 0.8,
+        self, name: str, T: Array, side: float, colour: Colour, faint: bool = False,
         clicked: Callable[[], None] | None = None,
     ) -> None:  # fmt: skip
         """Draw the dark squares of a board and its edge, the middle at the origin."""
@@ -102,10 +102,10 @@ class Nodes:
             boxes = (np.concatenate([boxes, edge]) - 0.5 * np.tile([columns, rows], 2)) * side / columns
             points = np.pad(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], ((0, 0), (0, 0), (0, 1))).reshape(-1, 3)
             faces = (4 * np.arange(len(boxes))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-            return self.scene.add_mesh_simple(name, points, faces, color=colour, opacity=opacity, side="double",
-                                              cast_shadow=False, receive_shadow=False)  # fmt: skip
+            return self.scene.add_mesh_simple(name, points, faces, color=colour, opacity=0.35 if faint else 0.8,
+                                              side="double", cast_shadow=False, receive_shadow=False)  # fmt: skip
 
-        self.node(name, (round(side, 4), opacity), make, T, colour, clicked)
+        self.node(name, (round(side, 4), faint), make, T, colour, clicked)
 
     def frame(self, name: str, T: Array, length: float, text: str) -> None:
         """Draw axes with a label."""

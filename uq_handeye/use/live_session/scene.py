@@ -172,8 +172,8 @@ class Scene:
                 picture = beside.pictures[k] if k < len(beside.pictures) else None
                 self.nodes.camera(name, moving[k], size, tints[k], wrong or k == selected, picture, click)
             else:
-                opacity = 0.8 if wrong or k == selected else 0.35
-                self.nodes.board(name, moving[k], 3 * size, tints[k], opacity, click)
+                faint = not wrong and k != selected
+                self.nodes.board(name, moving[k], 3 * size, tints[k], faint, click)
             if k in labels or k == selected:
                 text = f"pose {k}" + (f": {answer.result.table.status(k)}" if wrong else "")  # type: ignore[union-attr]
                 self.nodes.label(f"{name}/name", text, np.eye(4), "center-right")

@@ -12,21 +12,21 @@ import numpy as np
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 
-# Tilt and its direction, turn about the line of sight (deg), distance over the usual one.
+# Tilt and its direction, turn about the line of sight (deg), distance from the middle of the board (m).
 VIEWS = (
-    (0, 0, 0, 1.0), (30, 0, 0, 1.0), (30, 90, 60, 1.1), (30, 180, -60, 0.9), (30, 270, 90, 1.0),
-    (0, 0, 90, 0.8), (25, 45, -90, 1.2), (25, 135, 30, 0.9), (25, 225, -30, 1.1), (25, 315, 120, 1.0),
+    (0, 0, 0, 0.5), (30, 0, 0, 0.5), (30, 90, 60, 0.55), (30, 180, -60, 0.45), (30, 270, 90, 0.5),
+    (0, 0, 90, 0.4), (25, 45, -90, 0.6), (25, 135, 30, 0.45), (25, 225, -30, 0.55), (25, 315, 120, 0.5),
 )  # fmt: skip
 
 
-def starting_views(distance: float = 0.5) -> Array:
-    """Return ten views camera_T_target (10, 4, 4) that see the middle of the board from a distance (m)."""
+def starting_views() -> Array:
+    """Return ten views camera_T_target (10, 4, 4) that see the middle of the board."""
     views = np.tile(np.eye(4), (len(VIEWS), 1, 1))
-    for k, (tilt, about, turn, far) in enumerate(VIEWS):
+    for k, (tilt, about, turn, distance) in enumerate(VIEWS):
         axis = np.radians(tilt) * np.array([np.cos(np.radians(about)), np.sin(np.radians(about)), 0.0])
         facing = Rotation.from_rotvec([np.pi, 0.0, 0.0])  # the board's z towards the camera
         views[k, :3, :3] = (
             Rotation.from_euler("z", turn, degrees=True) * Rotation.from_rotvec(axis) * facing
         ).as_matrix()
-        views[k, :3, 3] = 0.0, 0.0, far * distance
+        views[k, :3, 3] = 0.0, 0.0, distance
     return views

@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 
 from ...core.files.atomic import write_atomically, write_files
 from ...core.files.one_line import refused
-from ...core.numbers.limits import MAX_UPLOAD_BYTES
+from ...core.numbers.limits import MAX_TABLE_BYTES, MAX_UPLOAD_BYTES
 from ...errors import InputError
 from ...model.camera.picture_files import SUFFIXES
 from .folder import POSE_FILES
 from .question import ONE_AT_A_TIME
 from .session import OWN
 
-# Largest size of what a .zip holds, relative to the largest upload.
-MAX_UNPACKED_RATIO = 10
 BAGS = (".bag", ".mcap", ".db3")
 # Files of a bag that is a folder, in it or at its top.
 _BAG_FILE = re.compile(r"(?:\w[\w. -]{0,150}/)?(?:metadata\.yaml|\w[\w.-]{0,150}\.(?:mcap|db3)(?:\.zstd)?)")
@@ -58,7 +56,7 @@ def keep_bag(folder: Path, name: str, content: bytes) -> Path:
 
 def _unpacked(path: Path, name: str) -> Path:
     """Unpack the folder of a bag beside its .zip, which is removed: its files alone, and no more than they may hold."""
-    contents, left = {}, MAX_UNPACKED_RATIO * MAX_UPLOAD_BYTES
+    contents, left = {}, MAX_TABLE_BYTES
     most = f"{left / 1e6:.0f} MB"
     try:
         with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:

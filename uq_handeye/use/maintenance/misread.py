@@ -16,11 +16,13 @@ from scipy.optimize import linear_sum_assignment
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array, inverse, logarithm
 from ...core.numbers.rounding import TINY
-from ...findings import Finding
+from ...findings import GROSS_EXCESS, Finding
 from ...fit.input_checks.misread_files import rotation_readings
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows
 
+# Share of d^2, or of squared residuals, that a reading of the files may leave to explain what the given one does not.
+MAX_LEFT_SHARE = 0.01
 # Findings that say that the files are misread, or of another rig.
 MISREAD = ("maintenance.misread", "maintenance.pairing", "maintenance.another_rig")
 # How files may be meant: the values of the finding.
@@ -36,24 +38,22 @@ def misread(
     d2_of: Judge,
     *,
     least_factor: float = 0.03,
-    gross: float = 25.0,
-    left: float = 0.01,
     far: float = 1.0,
     agrees: float = 2.0,
     max_shift: int = 3,
 ) -> Finding | None:
     """Return how else the files may be meant, where that explains a gross contradiction; ``d2_of`` judges poses.
 
-    The files are doubted from ``gross`` times as large a d^2 as expected on, or where the poses are ``far`` off
-    (`_rough`), as errors of lengths in a wrong unit hide the contradiction. Another reading may leave the share
-    ``left`` of d^2; of poses that are far off ``agrees`` times what is expected. Factors on translations that differ
+    The files are doubted where the residuals are `GROSS_EXCESS` times as large as expected, or the poses ``far`` off
+    (`_rough`), as errors of lengths in a wrong unit hide the contradiction. Another reading may leave `MAX_LEFT_SHARE`
+    of d^2; of poses that are far off ``agrees`` times what is expected. Factors on translations that differ
     from 1 by less than ``least_factor`` are not tried (they are causes among others), nor files shifted by more than
     ``max_shift`` rows.
     """
     d2, as_given = evidence.d2, _rough(X, W, poses.robot, poses.camera, poses.setup)
-    if d2 < gross * evidence.dof and as_given < far:
+    if d2 < GROSS_EXCESS**2 * evidence.dof and as_given < far:
         return None
-    limit = max(left * d2, agrees * evidence.dof if as_given > far else 0.0)
+    limit = max(MAX_LEFT_SHARE * d2, agrees * evidence.dof if as_given > far else 0.0)
     bare = replace(poses, camera_calibration=None, camera_covariance=None, timing=None, truth=None)
     fits = [
         (found, reading)
@@ -70,14 +70,14 @@ def misread(
             if d2_of(other) < max(limit, agrees * evidence.dof):
                 return scale_finding(side, factor)
     order = _pairing(X, W, bare, evidence)
-    if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < left * d2:
+    if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < MAX_LEFT_SHARE * d2:
         rows = np.flatnonzero(order != np.arange(len(order)))
         values = {"rows": rows.tolist()[:10], "count": len(rows), "n": poses.n}
         return Finding("maintenance.pairing", "caution", values)
     for shift in (k for size in range(1, max_shift + 1) for k in (size, -size) if poses.n - size > 1):
         rows = np.arange(max(0, -shift), poses.n - max(0, shift))
         part = replace(bare.rows(rows), camera=bare.camera[rows + shift])
-        if d2_of(part, rows) / part.n < left * d2 / poses.n:
+        if d2_of(part, rows) / part.n < MAX_LEFT_SHARE * d2 / poses.n:
             return Finding("maintenance.misread", "caution", {"kind": "rows", "file": None, "shift": shift})
     return None
 

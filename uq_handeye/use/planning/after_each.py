@@ -54,10 +54,8 @@ class NextPose:
         )
 
 
-def next_pose(
-    result: Calibration, noise: Noise | None, shared: list[SharedError] | None, seed: int = 0, candidates: int = 100
-) -> NextPose | None:
-    """Return the pose that would gain most, of robot poses drawn around the target; None where none can be planned.
+def next_pose(result: Calibration, noise: Noise | None, shared: list[SharedError] | None) -> NextPose | None:
+    """Return the pose that would gain most, of 100 robot poses drawn around the target; None where none can be planned.
 
     Beside an arm whose joints are known the pose is within its reach and joint limits. ``noise`` and ``shared`` are
     those that `calibrate` was given.
@@ -72,10 +70,10 @@ def next_pose(
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
-                found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=candidates, seed=seed).of(data))
+                found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=100).of(data))
             else:
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
-                found = plan(data, k=1, noise=given, shared=errors, sample=candidates, seed=seed)
+                found = plan(data, k=1, noise=given, shared=errors, sample=100)
     except (InputError, NotConvergedError):
         return None
     if result.opened is not None or found.length is None:

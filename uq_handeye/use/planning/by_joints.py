@@ -38,10 +38,10 @@ def plan_by_joints(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> Pl
     return plan_within_reach(Known(result, data, asked.noise is None), chain, joints, asked)
 
 
-def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: PlanRequest, n_task: int = 200) -> Plan:
+def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: PlanRequest) -> Plan:
     """Return the poses to take next, inside the joint limits of the arm; ``joints`` (n, L): those so far.
 
-    ``n_task``: postures of the task where none are given.
+    The task, where none is given, has as many postures as candidates are drawn.
     """
     result, fitted = known.result, known.result.kinematics
     assert result.W is not None
@@ -55,7 +55,7 @@ def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: Pla
     task = None
     if asked.criterion == PREDICTION:
         given = asked.task is not None
-        at = chain.spread(n_task) if asked.task is None else _inside(chain, asked.task, "task")
+        at = chain.spread(asked.sample) if asked.task is None else _inside(chain, asked.task, "task")
         task, more = _ahead(result, chain, at), more | {"task": at, "task_given": given}
     return planned(known, _ahead(result, chain, q), asked, task, joints=q, **more)
 
@@ -66,10 +66,10 @@ def sample_joints(
     joints: Array,
     X: Array,
     W: Array,
-    n: int = 200,
+    n: int,
     *,
+    seed: int | np.random.Generator,
     e: Array | None = None,
-    seed: int | np.random.Generator = 0,
     near: tuple[float, float] = (0.5, 0.1),
 ) -> Array:
     """Up to ``n`` joints (m, L) inside the limits from which the camera sees the target; see the module.

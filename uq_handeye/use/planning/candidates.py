@@ -34,7 +34,7 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def sample_candidates(
-    data: PosePairs, X: Array, W: Array, n: int = 200, *, seed: int | np.random.Generator = 0, grown: float = 0.15
+    data: PosePairs, X: Array, W: Array, n: int, *, seed: int | np.random.Generator = 0, grown: float = 0.15
 ) -> Array:
     """Up to ``n`` robot poses ``base_T_gripper`` (m, 4, 4) around the target, near the poses so far; see the module.
 
@@ -71,12 +71,10 @@ def sample_candidates(
         f"poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where it has been. Is X right? "
         "If so, give candidates of your own."
     )
-    return drawn(draw, n, why)
+    return drawn(draw, n, why, draws=50, ahead=4, at_once=20_000)
 
 
-def drawn(
-    draw: Callable[[int], Array], n: int, why: str, draws: int = 50, ahead: int = 4, at_once: int = 20_000
-) -> Array:
+def drawn(draw: Callable[[int], Array], n: int, why: str, *, draws: int, ahead: int, at_once: int) -> Array:
     """Return the first n of what ``draw`` keeps, of ``draws`` n draws at most; raises `InputError` if it keeps none.
 
     ``ahead``: draws for each that is missing; ``at_once`` at most; ``why``: words behind "None of N".
@@ -125,7 +123,6 @@ def draw_camera_poses(
     distances: tuple[float, float] = (0.8, 1.2),
     more_tilt_deg: float = 15.0,
     most_tilt_deg: float = 75.0,
-    more_roll_deg: float = 30.0,
 ) -> Array:
     """Drawn camera poses (size, 4, 4); see the module."""
     distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
@@ -140,7 +137,7 @@ def draw_camera_poses(
     tilt = float(np.arccos(np.clip(turned[:, 2, 2], -1.0, 1.0)).max())
     # Rz(a) Ry(b) Rz(c): the roll a + c.
     roll = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-    most_roll = min(np.pi, float(np.abs(roll).max()) + np.radians(more_roll_deg))
+    most_roll = min(np.pi, float(np.abs(roll).max()) + np.radians(2.0 * more_tilt_deg))
 
     away = rng.uniform(distances[0] * distance.min(), distances[1] * distance.max(), size)
     first, second = view[rng.integers(len(view), size=(2, size))]

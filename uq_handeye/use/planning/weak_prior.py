@@ -22,6 +22,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError
+from ...findings import GROSS_EXCESS
 from ...fit.likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ...fit.likelihood.gauss_helmert import efficient
 from ...fit.likelihood.shared_estimates import SharedEstimate
@@ -73,10 +74,10 @@ class WeaklyKnown:
         return cls(at.X, at.W, noise, posterior, data, directions)
 
 
-def so_far(data: PosePairs, noise: PoseNoise, max_residual: float = 3.0) -> tuple[Unknowns, Array, Array]:
+def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
     """X and W, the information (12, 12) with the weak prior where it is needed, and the open directions (r, 6).
 
-    ``max_residual``: root mean square residual over its noise up to which X is trusted; a wrong X has a far larger one.
+    X is trusted unless the residuals make a gross misfit (`GROSS_EXCESS`); those of a wrong X are far larger.
 
     Raises `InputError` for noise that does not fit.
     """
@@ -84,7 +85,7 @@ def so_far(data: PosePairs, noise: PoseNoise, max_residual: float = 3.0) -> tupl
         found = efficient(data, noise)
         residual, J = found.white
         at, information = found.unknowns, gram(J) + _of_prior(noise, found.unknowns)
-        explained = bool(np.sum(residual**2) <= max_residual**2 * (6 * data.n - 12))
+        explained = bool(np.sum(residual**2) <= GROSS_EXCESS**2 * (6 * data.n - 12))
     except DegenerateMotionError:
         explained = False
     if not explained or _open_part(information)[0].size:

@@ -28,7 +28,7 @@ import numpy as np
 from ...calibration.evidence.touches import TouchEvidence
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import POWER, UNUSUAL
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.numbers.rounding import CHAIN_ROUNDING, HALF_DIGITS
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.posterior.rows import PredictiveReference
 
@@ -137,9 +137,9 @@ def _of_known_noise(level: float) -> float:
     return PredictiveReference.given(3).noncentrality(POWER.probability, level)
 
 
-def limit(evidence: TouchEvidence, tool_known: bool, level: float, many: float = 1e8) -> float:
-    """Smallest bias that any number of touches of the same kind would show; ``many`` stands for any number."""
-    return bias_of(evidence.repeated(many), tool_known).detectable(level)
+def limit(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
+    """Smallest bias that any number of touches of the same kind would show: without their own noise."""
+    return bias_of(evidence.repeated(1.0 / HALF_DIGITS), tool_known).detectable(level)
 
 
 def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level: float) -> int | None:

@@ -12,6 +12,7 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits, plus_minus, probability
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import POWER, UNUSUAL
+from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of
 from ...core.presentation.shown import Shown
 from ...findings import Finding
@@ -263,9 +264,9 @@ def _next(found: Verification) -> str:
     )
 
 
-def _table(found: Verification, max_rows: int = 30) -> Table:
+def _table(found: Verification) -> Table:
     points, rows = found.points, []
-    order = np.sort(np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:max_rows])
+    order = np.sort(np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:MAX_PRINTED_ROWS])
     for k in order.tolist():
         sd, p = np.sqrt(np.trace(points.covariance[k]) / 3.0), points.p_value[k]
         rows.append(

@@ -41,6 +41,7 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, pose
 from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError, require_one_of
+from ...formats.contents import NORM_TOLERANCE
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
 from ..maintenance.joined_poses import ANOTHER_UNIT_RATIO
@@ -195,16 +196,16 @@ def _board_poses(table: _Touches, board: ArrayLike | None, m: int) -> Array:
     return np.broadcast_to(poses, (m, 4, 4))
 
 
-def _poses(table: _Touches, prefix: str, max_norm_error: float = 0.01) -> Array | None:
+def _poses(table: _Touches, prefix: str) -> Array | None:
     """(m, 4, 4) of the robot; None where there are no columns of them.
 
-    A quaternion whose norm is further from 1 than ``max_norm_error`` is none.
+    A quaternion whose norm is further from 1 than `NORM_TOLERANCE` is none.
     """
     if not table.group(prefix, _POSE):
         return None
     q = np.stack([table.numbers(f"{prefix}{part}") for part in _POSE[3:]], axis=-1)
     norm = np.linalg.norm(q, axis=-1)
-    if (wrong := np.abs(norm - 1.0) > max_norm_error).any():
+    if (wrong := np.abs(norm - 1.0) > NORM_TOLERANCE).any():
         k = int(wrong.argmax())
         raise InputError(
             f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit quaternion, got one of norm "
@@ -274,13 +275,13 @@ def _meaning(column: str, joints: Sequence[str]) -> tuple[str, str | None]:
     return _OTHER_NAMES.get(small, small), unit
 
 
-def require_metres(result: Estimated, touches: Touches, camera_m: float = 0.7, robot_m: float = 0.8) -> None:
+def require_metres(result: Estimated, touches: Touches, usual_m: float = 0.75) -> None:
     """Raise `InputError` where lengths are some hundred times those of the calibration, or smaller by such a factor.
 
-    ``camera_m``, ``robot_m``: lengths of a camera and of a robot of which nothing is known.
+    ``usual_m``: distances of a camera and of a robot of which nothing is known.
     """
     data = poses_so_far(result)
-    camera, robot = (camera_m, robot_m) if data is None else (_size(data.camera), _size(data.robot))
+    camera, robot = (usual_m, usual_m) if data is None else (_size(data.camera), _size(data.robot))
     distances = {
         "points that the camera saw": (touches.seen if touches.board is None else None, camera),
         "poses of the board": (touches.board, camera),

@@ -21,6 +21,7 @@ from ...core.geometry.se3 import Array, inverse
 from ...core.numbers.rounding import THIRD_DIGITS
 from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
+from ..maintenance.misread import MAX_LEFT_SHARE
 from ..maintenance.update import require_other_touches
 from .next_touches import next_touches
 from .power import Bias, bias_of, limit, touches_needed
@@ -238,15 +239,14 @@ def _findings(
     evidence: TouchEvidence,
     bias: Bias,
     points: PointTable,
-    min_ratio: float = 10.0,
 ) -> list[Finding]:
-    """Return the findings; inverted robot poses are named where they explain ``min_ratio`` times as much."""
+    """Return the findings; inverted robot poses are named where they explain the touches."""
     found = []
     rms = float(np.sqrt(np.mean(np.sum(evidence.r**2, axis=-1))))
     if result.setup == "eye-in-hand" and touches.robot is not None:
         other = replace(touches, robot=inverse(touches.robot))
         other_rms = float(np.sqrt(np.mean(np.sum(evidence_of_touches(result, other).r ** 2, axis=-1))))
-        if other_rms * min_ratio < rms:
+        if other_rms**2 < MAX_LEFT_SHARE * rms**2:
             found.append(Finding("verification.inverted_robot", "caution", {"rms": rms, "other": other_rms}))
     if touches.seen_covariance is None and touches.board is None:
         sd = float(np.sqrt(np.einsum("mii->", evidence.own - touches.touch_noise) / (3.0 * touches.m)))

@@ -26,6 +26,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ....core.geometry.se3 import Array
+from ....core.numbers.iterations import MAX_STEPS
 from ....core.numbers.rounding import HALF_DIGITS, PRODUCT_ROUNDING
 
 # The last step leaves less than this share of the sum of squares; it is undamped, and predicts a fall below NEAR_SHARE.
@@ -135,9 +136,7 @@ class Normal(NamedTuple):
         return moves[0], moves[1] + self.blocks.G @ moves[0], fall
 
 
-def minimised(
-    problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None, max_steps: int = 100
-) -> Minimum:
+def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None) -> Minimum:
     """The minimum from a start; ``prior`` is v_0 (f,) and R (f, f).
 
     Raises `LinAlgError` where the start has residuals that are not finite.
@@ -155,7 +154,7 @@ def minimised(
         if near:
             values, blocks = values + move, problem.moved(blocks, step)
             here = here._replace(squares=here.squares - above)
-        if near or stuck or steps == max_steps:
+        if near or stuck or steps == MAX_STEPS:
             of = here.blocks
             return Minimum(values, blocks, here.squares, here.information, of.V, of.G, near or stuck, steps)
         move, step, fall = here.step(damping)

@@ -13,6 +13,7 @@ from ....core.files.source import versions
 from ....core.formatting.numbers import column, fixed
 from ....core.formatting.units import MM_PER_M
 from ....core.geometry.conventions import CONVENTION
+from ....core.numbers.limits import MAX_PRINTED_ROWS
 from ....core.presentation.document import Block, Code, Paragraph, Points, Section, Table
 from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import Picture
@@ -32,9 +33,6 @@ from .text import (
     parameter_rows,
     scope_words,
 )
-
-# Pictures and outliers that a table lists: of more, the worst.
-MAX_TABLE_ROWS = 60
 
 
 def report_files(cam: Calibrated) -> dict[str, str | bytes]:
@@ -120,7 +118,7 @@ def _outliers(cam: Calibrated) -> Block:
         return Paragraph("None: every corner is where the others put it.")
     corners = cam.corners
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
-    listed = [j for j, _ in found[:MAX_TABLE_ROWS]]
+    listed = [j for j, _ in found[:MAX_PRINTED_ROWS]]
     rows = [
         [
             corners.names[corners.picture[j]], str(corners.place[j]), f"{corners.pixels[j, 0]:.1f}",
@@ -146,11 +144,11 @@ def _choice(cam: Calibrated) -> list[Block]:
 
 def _poses(cam: Calibrated) -> Block:
     corners, rms = cam.corners, picture_rms(cam)
-    if corners.n <= MAX_TABLE_ROWS:
+    if corners.n <= MAX_PRINTED_ROWS:
         shown, which = list(range(corners.n)), f"All {corners.n} pictures"
     else:
-        shown = sorted(np.argsort(-rms, kind="stable")[:MAX_TABLE_ROWS].tolist())
-        which = f"The {MAX_TABLE_ROWS} of {corners.n:,} pictures with the largest residuals"
+        shown = sorted(np.argsort(-rms, kind="stable")[:MAX_PRINTED_ROWS].tolist())
+        which = f"The {MAX_PRINTED_ROWS} of {corners.n:,} pictures with the largest residuals"
     used = np.bincount(corners.picture[cam.bundle.used], minlength=corners.n)
     every = np.bincount(corners.picture, minlength=corners.n)
     S = cam.covariance

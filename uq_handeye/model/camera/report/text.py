@@ -7,15 +7,13 @@ import numpy as np
 from ....core.formatting.numbers import concise, fixed, probability
 from ....core.formatting.units import MM_PER_M
 from ....core.numbers.levels import CONTRADICTED
-from ....core.numbers.limits import MAX_LISTED
+from ....core.numbers.limits import MAX_LISTED, MAX_NAMED
 from ....core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..adjustment.criterion import best
 from ..calibrated import Calibrated, covered, distances, tilts
 from ..models import LINEAR
 from ..residual_pattern import CELLS
 
-# Models that the text compares the chosen one with, itself counted.
-MAX_COMPARED_MODELS = 5
 # Corners in a smaller share of the cells of the picture leave the distortion extrapolated.
 MIN_COVERED_SHARE = 0.5
 # Noise that differs by this factor between pictures is mentioned.
@@ -225,7 +223,7 @@ def model_choice(cam: Calibrated, caption: str = "", chosen: str = "*", details:
         f"Model and shape of the board chosen of {len(cam.candidates)} by the smallest Bayesian information criterion "
         f"(BIC), of a lens that distorts with p1 and p2 at least: {model_name(cam)}, board {cam.bundle.shape.name}."
     )
-    most = len(cam.candidates) if details or len(cam.candidates) <= MAX_COMPARED_MODELS + 2 else MAX_COMPARED_MODELS
+    most = len(cam.candidates) if details or len(cam.candidates) <= MAX_NAMED + 2 else MAX_NAMED
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [
         [

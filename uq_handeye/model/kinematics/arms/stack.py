@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
 from ....core.numbers.rounding import CHAIN_ROUNDING
+from ..chain import POSTURES_PER_BLOCK
 from ..forward import Frames, fixed_transforms, spread_postures
 from .known_arms import KnownArm
 
@@ -123,10 +124,10 @@ class ArmStack:
             state[:, 3] += height
         return np.asarray(state[:, 3])
 
-    def tips(self, q: Array, block: int = 128) -> Array:
+    def tips(self, q: Array) -> Array:
         """Return the tips (A, 3, 4, n) at many postures."""
-        parts = range(0, q.shape[-1], block)
-        return np.concatenate([self.frames(q[..., start : start + block]).tip for start in parts], axis=-1)
+        parts = range(0, q.shape[-1], POSTURES_PER_BLOCK)
+        return np.concatenate([self.frames(q[..., start : start + POSTURES_PER_BLOCK]).tip for start in parts], axis=-1)
 
     def twists(self, frames: Frames) -> Array:
         """Return J (A, 7, 6, n), the twist of the tip per rad of each joint: left rotation, additive translation."""

@@ -63,7 +63,7 @@ class Crew:
         message: bytes,
         stored: Callable[[int], Chunk | None],
         arrived: Callable[[int, Chunk], None],
-        workers: int = 1,
+        workers: int,
         executor: Executor | None = None,
         group_seconds: float = 0.08,
     ) -> None:

@@ -122,16 +122,17 @@ def maximum_of(
     return Peak(at, factor, float(value + np.log(np.diag(factor)).sum()))
 
 
-def around_maxima(density: LogDensity, starts: Array, *, apart_sd: float = 4.0) -> Proposal:
+def around_maxima(density: LogDensity, starts: Array) -> Proposal:
     """The first proposal, around the maxima that are found from ``starts`` (k, d).
 
-    Those within ``apart_sd`` standard deviations of a better one are the same; those whose share is rare against that
-    of the best one are left out.
+    A maximum is the same as a better one unless it is rare in the Gaussian of that one; those whose share is rare
+    against that of the best one are left out.
     """
     peaks = sorted((maximum_of(density, start) for start in starts), key=lambda peak: -peak.log_weight)
     found: list[Peak] = []
+    limit = RARE.chi_square(starts.shape[1])
     for peak in peaks:
-        apart = all(single(p.location, p.factor).squares(peak.location[None])[0][0] > apart_sd**2 for p in found)
+        apart = all(single(p.location, p.factor).squares(peak.location[None])[0][0] > limit for p in found)
         if apart and peak.log_weight > peaks[0].log_weight + np.log(RARE.probability):
             found.append(peak)
     weight = np.exp([peak.log_weight - peaks[0].log_weight for peak in found])

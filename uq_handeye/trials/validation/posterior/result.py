@@ -18,6 +18,7 @@ from ....core.files.records import attributes
 from ....core.geometry.checks import is_number
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
+from ....core.numbers.levels import INTERVAL
 from ....core.presentation.document import to_text
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, MissingExtraError, NotConvergedError
@@ -162,7 +163,7 @@ class Posterior(Outcome, ReadOnlyArrays):
         """(6,)"""
         return np.sqrt(np.diag(self.covariance))
 
-    def hpd(self, level: float = 0.95) -> HighestDensity:
+    def hpd(self, level: float = INTERVAL.probability) -> HighestDensity:
         """Highest-density ellipsoid of the Gaussian of the samples with its content, and intervals of each axis."""
         from scipy.stats import chi2
 

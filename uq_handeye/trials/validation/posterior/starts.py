@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ....core.geometry.se3 import Array, difference
+from ....core.numbers.limits import MIN_POSES
 from ....errors import InputError, NotConvergedError
 from ....fit.likelihood.gauss_helmert import Fit, efficient
 from ....fit.likelihood.robust import robust_fit
@@ -21,7 +22,7 @@ from ....model.poses.pose_pairs import PosePairs
 from .density import Density
 
 
-def starts_of(data: PosePairs | Motions, noise: Noise, density: Density, min_poses: int = 3) -> Array:
+def starts_of(data: PosePairs | Motions, noise: Noise, density: Density) -> Array:
     """Whitened coordinates (k, d): 0, the estimate of `ml`; for heavy tails those of halves and of what agrees too."""
     starts = [np.zeros(density.d)]
     if density.student_t is None:
@@ -33,7 +34,7 @@ def starts_of(data: PosePairs | Motions, noise: Noise, density: Density, min_pos
         starts.append(_coordinates(robust.fit, density))
         parts.append(np.flatnonzero(robust.weights == 0))  # may agree among themselves
     for part in parts:
-        if len(part) >= min_poses:
+        if len(part) >= MIN_POSES:
             with suppress(InputError, NotConvergedError):
                 starts.append(_coordinates(efficient(data.rows(part), noise.rows(part)), density))
     at = np.stack(starts)
