@@ -41,7 +41,6 @@ Maker = Callable[..., Any]
 # An argument or option as Typer takes it.
 Declared = ArgumentInfo | OptionInfo
 
-
 # Groups of options in the help, in their order; a command's own groups take the place of OPTIONS.
 ARGUMENTS, OPTIONS, MESSAGES = "Arguments", "Options", "Messages"
 _BEFORE = (
