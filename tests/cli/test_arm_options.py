@@ -271,7 +271,7 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
         (("--robot-class", "cobot", "--size", "sag=1mrad"), "--robot-class, --size: needs a robot model"),
         (("--joints", "joints.csv"), "Add --urdf robot.urdf (or --dh FILE, --robot-model NAME)"),
         (("--joints", "joints.csv", "--robot-model", "ur5x"), "--robot-model: No arm of the name 'ur5x' is known"),
-        (("--robot-model", "ur5x"), "Did you mean ur5"),
+        (("--robot-model", "ur5x"), "Similar: ur5"),
         (("--robot-model", "ur5e", "--urdf", "arm.urdf"), "--urdf: not used with --robot-model"),
         (("--robot-model", "ur5e", "--dh", "dh.csv"), "--robot-model: not used with --dh"),
         (("--urdf", "arm.urdf", "--joint-units", "deg"), "--joint-units needs --joints"),

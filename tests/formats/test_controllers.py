@@ -115,6 +115,16 @@ def test_rx_ry_rz_are_told_by_the_camera(robot_file, rigs, maker):
 
 
 @pytest.mark.parametrize(
+    ("maker", "names"), [("nachi", "Rz,Ry,Rx"), ("adept", "yaw,pitch,roll"), ("mecademic", "alpha,beta,gamma")]
+)
+def test_makers_that_are_asked_for_take_their_columns_in_any_order(robot_file, rigs, maker, names):
+    numbers, T = rigs[maker]
+    check(robot_file(csv(numbers, f"x,y,z,{names}")), T, maker)
+    back = ",".join(names.split(",")[::-1])
+    check(robot_file(csv(numbers[:, [0, 1, 2, 5, 4, 3]], f"x,y,z,{back}")), T, maker)
+
+
+@pytest.mark.parametrize(
     ("maker", "factor", "note"),
     [
         ("ur", 1000.0, "translations in mm"),

@@ -56,3 +56,6 @@ def test_makers_agree_with_rotations_about_axes():
     assert np.allclose(decode["rpy"](np.array([[C, B, A]])), expected)
     assert np.allclose(decode["staubli"](np.array([[c, b, a]])), about("x", C) @ about("y", B) @ about("z", A))
     assert np.allclose(decode["kawasaki"](np.array([[a, b, c]])), about("z", A) @ about("y", B) @ about("z", C))
+    assert np.allclose(decode["nachi"](np.array([[a, b, c]])), expected)
+    assert np.allclose(decode["adept"](np.array([[a, b, c]])), about("z", A) @ about("y", B) @ about("z", C))
+    assert np.allclose(decode["mecademic"](np.array([[a, b, c]])), about("x", A) @ about("y", B) @ about("z", C))

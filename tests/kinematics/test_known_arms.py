@@ -1,5 +1,8 @@
 """Arms by name: poses at known joints, reach, and the postures of poses without joints."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from fixtures.arms import random_chain
@@ -18,7 +21,9 @@ def test_names_are_found_however_they_are_written():
     assert known_arm("KUKA KR 6 R900 sixx") is known_arm("kr6r900")
     assert known_arm("Franka Emika Panda") is known_arm("panda")
     assert known_arm("FANUC LR Mate 200iD") is known_arm("lrmate200id")
-    assert len(Kinematics.arm_names()) >= 20
+    assert known_arm("FANUC CRX-10iA/L") is known_arm("crx10ial") is not known_arm("crx10ia")
+    assert known_arm("Mecademic Meca500 (R3)".replace("(", "").replace(")", "")) is known_arm("meca500")
+    assert len(Kinematics.arm_names()) >= 40
 
 
 @pytest.mark.parametrize(
@@ -27,6 +32,57 @@ def test_names_are_found_however_they_are_written():
 def test_an_unknown_name_is_told_with_the_nearest_ones(wrong, near):
     with pytest.raises(InputError, match=near):
         Kinematics.from_name(wrong)
+
+
+@pytest.mark.parametrize(
+    "vague", ["kr10r1100-3", "kr6", "kr 10", "agilus", "LR Mate", "irb2600-20/1.65", "crx20ia", "ur"]
+)
+def test_a_name_that_may_be_another_arm_is_not_answered_with_one(vague):
+    with pytest.raises(InputError, match="Variants of an arm have other lengths"):
+        Kinematics.from_name(vague)
+
+
+def test_the_second_generation_is_not_the_sixx():
+    """KR 10 R1100-2: forearm 10 mm lower, flange 10 mm farther."""
+    second, sixx = (Kinematics.from_name(name).poses(np.zeros(6)) for name in ("kr10r1100-2", "KR 10 R1100 sixx"))
+    np.testing.assert_allclose(1e3 * (second - sixx)[:3, 3], [10, 0, -10], atol=1e-9)
+
+
+LIBRARIES = json.loads(Path(__file__).with_name("poses_of_libraries.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", LIBRARIES["arms"])
+def test_poses_are_those_of_other_libraries(name):
+    """FANUC's by crx-kinematics, at joints as the pendant shows them: joint 3 is J3 + J2."""
+    of = LIBRARIES["arms"][name]
+    q, T = np.array(of["joints"]), np.array(of["poses"])
+    if name.startswith("crx"):
+        q, T = np.radians(q), T * [1, 1, 1, 1e-3]
+        assert np.abs(Kinematics.from_name(name).poses(q)[:, :3] - T).max() > 0.05
+        q[:, 2] += q[:, 1]
+    np.testing.assert_allclose(Kinematics.from_name(name).poses(q)[:, :3], T, rtol=0, atol=1e-8)
+
+
+# Joints of TheRobotStudio/SO-ARM100, Simulation/SO101/so101_new_calib.urdf (Apache-2.0): name, parent, child, xyz, rpy.
+SO101 = [
+    ("shoulder_pan", "base_link", "shoulder_link", "0.0388353 0 0.0624", "3.14159 0 -3.14159"),
+    ("shoulder_lift", "shoulder_link", "upper_arm_link", "-0.0303992 -0.0182778 -0.0542", "-1.5708 -1.5708 0"),
+    ("elbow_flex", "upper_arm_link", "lower_arm_link", "-0.11257 -0.028 0", "0 0 1.5708"),
+    ("wrist_flex", "lower_arm_link", "wrist_link", "-0.1349 0.0052 0", "0 0 -1.5708"),
+    ("wrist_roll", "wrist_link", "gripper_link", "0 -0.0611 0.0181", "1.5708 0.0486795 3.14159"),
+    ("", "gripper_link", "gripper_frame_link", "-0.0079 -0.000218121 -0.0981274", "0 3.14159 0"),
+]
+
+
+def test_so101_is_its_urdf():
+    urdf = "<robot name='so101'><link name='base_link'/>"
+    for name, parent, child, xyz, rpy in SO101:
+        urdf += f"<link name='{child}'/><joint name='{name or 'tip'}' type='{'revolute' if name else 'fixed'}'>"
+        urdf += f"<parent link='{parent}'/><child link='{child}'/><origin xyz='{xyz}' rpy='{rpy}'/>"
+        urdf += "<axis xyz='0 0 1'/><limit lower='-1.6' upper='1.6'/></joint>"
+    arm = Kinematics.from_urdf(urdf + "</robot>")
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 5))
+    np.testing.assert_allclose(Kinematics.from_name("SO-101").poses(q), arm.poses(q), rtol=0, atol=2e-5)
 
 
 # Position (mm) of the flange at joints (deg): zero postures and heights of the data sheets and published examples.
@@ -47,6 +103,7 @@ PUBLISHED = [
     ("xarm7", [0, 0, 0, 0, 0, 0, 0], [206.0, 0.0, 120.5]),
     ("crx10ia", [0, 0, 0, 0, 0, 0], [700.0, -150.0, 540.0]),
     ("tx260", [0, 0, 0, 0, 0, 0], [0.0, 20.0, 670.0]),
+    ("meca500", [0, 0, 0, 0, 0, 0], [190.0, 0.0, 308.0]),
 ]
 
 
@@ -103,7 +160,7 @@ def test_reach_of_the_data_sheets(name, reach, behind):
     assert 0.97 * reach < found < 1.012 * reach
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", [name for name in arm_names() if len(known_arm(name).usual) > 5])
 def test_the_stack_is_the_chain(name):
     """Poses and columns of an arm in a stack are those of its `Kinematics`."""
     arms = [known_arm(name), known_arm("panda")]

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 HOW = ("estimate", "declared", "exact")
 FLANGES = ("workspace", "controller", "physical")
 ROBOT_MODELS = (
-    *("ur3e", "ur5e", "ur10e", "ur16e", "ur5", "ur10", "irb120", "irb1200", "irb2600", "irb4600", "kr6r900"),
-    *("kr10r1100", "iiwa7", "iiwa14", "lrmate200id", "m10ia", "crx10ia", "gp7", "hc10", "tx260", "rs007n", "vs060"),
-    *("panda", "fr3", "gen3", "xarm6", "xarm7", "m1013"),
+    *("ur3e", "ur5e", "ur10e", "ur16e", "ur5", "ur10", "ur7e", "ur12e", "ur15", "ur20", "ur30", "irb120"),
+    *("irb1200", "irb2600", "irb4600", "kr6r900", "kr10r1100", "kr10r1100-2", "iiwa7", "iiwa14"),
+    *("lrmate200id", "m10ia", "crx3ia", "crx5ia", "crx10ia", "crx10ial", "crx20ial", "crx30ia", "gp7"),
+    *("hc10", "tx260", "rs007n", "vs060", "panda", "fr3", "gen3", "xarm6", "xarm7", "m1013", "meca500"),
+    "so101",
 )
 
 # Errors of an arm whose standard deviation --size declares, and the parameter of `KinematicErrors` that takes it.

@@ -20,7 +20,7 @@ SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sandwich", "bootstrap")
 CONTROLLER_NAMES = (
     *("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "mitsubishi", "denso", "epson", "doosan"),
-    *("comau", "techman", "dobot", "jaka", "xarm", "rpy"),
+    *("comau", "techman", "dobot", "jaka", "nachi", "adept", "mecademic", "xarm", "rpy"),
 )
 FORMAT_NAMES = (
     *("csv", "tum", "npz", "npy", "mat", "easy_handeye", "easy_handeye2", "moveit", "opencv", "json"),

@@ -138,7 +138,7 @@ def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
     """Return the columns of a table, by their names or by their number."""
     if table.headings:
         try:
-            return pose_columns(table.headings, table.units)
+            return _in_order(pose_columns(table.headings, table.units), form)
         except ColumnError as error:
             raise InputError(
                 f"{table.name}: expected columns of a position and a rotation, got {short(', '.join(table.headings))} "
@@ -159,6 +159,15 @@ def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
             f"{table.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got {got} in each line; {HELP}."
         )
     return columns
+
+
+def _in_order(columns: Columns, form: PoseForm | None) -> Columns:
+    """Return the columns of the rotation in the order of a maker that has the same names: Nachi's Rz comes first."""
+    known = ROTATIONS.get(columns.kind, ())
+    names = () if form is None else tuple(name.lower() for name in form.columns)
+    if not known or set(names) != set(known):
+        return columns
+    return replace(columns, rotation=tuple(columns.rotation[known.index(name)] for name in names))
 
 
 def _by_number(table: NumberTable) -> Columns | None:
@@ -271,7 +280,8 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
     names_alone = columns.kind in ("rxyz", "euler", "axis-angle")  # which say no convention
     if form is None or (names_alone and len(form.columns) == 3):
         return
-    if columns.kind == "rpy" and not form.rotation.startswith("xyz"):
+    own = {name.lower() for name in form.columns} == set(ROTATIONS.get(columns.kind, ()))
+    if columns.kind == "rpy" and not (own or form.rotation.startswith("xyz")):
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns roll, pitch, yaw. Give "
             f"--format robot=rpy or xarm, or rename the columns; {HELP}."

@@ -17,6 +17,10 @@ Joint values, base and flange are those of the maker's controller (its tool 0), 
 - FANUC: joint 3 is the angle between upper arm and forearm; the controller reports it from the horizontal, that is plus
   joint 2.
 - Kawasaki: the direction of the flange's x is a guess (a constant turn of the flange, which X absorbs).
+- HC10 and VS-060: the flange is that of the sources in the table. Another public description of each has it turned by
+  half a turn about its z, and so has X of a camera on it.
+- SO-101: base and tip are ``base_link`` and ``gripper_frame_link`` of the URDF, as in LeRobot. Other versions of the
+  URDF have other base and tip frames, and the zero of the last joint 2.8 deg away.
 - The origin of the base is on joint axis 1; FANUC, Yaskawa and Staubli have it at the height of joint 2.
 
 The numbers are nominal: those of data sheets and of the robot descriptions that makers and ROS-Industrial publish. A
@@ -34,6 +38,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint
@@ -65,13 +70,16 @@ def known_arm(name: str) -> KnownArm:
     the nearest ones.
     """
     wanted, table = _plain(name) if isinstance(name, str) else "", _table()
-    names = {plain: known for known, of in table.items() for plain in (known, *of.get("other_names", ()))}
+    names = {plain: known for known, of in table.items() for plain in (_plain(known), *of.get("other_names", ()))}
     names |= {_plain(table[known]["maker"]) + plain: known for plain, known in names.items()}
     if wanted in names:
         return _read(names[wanted])
     near = list(dict.fromkeys(names[one] for one in difflib.get_close_matches(wanted[:60], names, n=6, cutoff=0.55)))
-    hint = f"Did you mean {' or '.join(near[:3])}?" if near else f"Known: {', '.join(table)}."
-    raise InputError(f"No arm of the name {name!r:.60} is known. {hint}")
+    hint = f"Similar: {', '.join(near[:3])}" if near else f"Known: {', '.join(table)}"
+    raise InputError(
+        f"No arm of the name {name!r:.60} is known. {hint}. Variants of an arm have other lengths: give those of yours "
+        "(--urdf, --dh)."
+    )
 
 
 def maker_of(chain: str) -> str | None:
@@ -96,6 +104,8 @@ def _read(name: str) -> KnownArm:
         usual.append((max(low, usual_low), min(high, usual_high)))
     x, z = _direction(flange[3]), _direction(flange[4])
     end = _placed(np.stack([x, np.cross(z, x), z], axis=1), np.array([float(field) for field in flange[:3]]))
+    if (angle := of.get("flange_at")) is not None:
+        end = _placed(Rotation.from_rotvec(-np.radians(angle) * joints[-1].axis).as_matrix(), np.zeros(3)) @ end
     ranges = np.array(usual)
     ranges.flags.writeable = False
     return KnownArm(ChainParts(f"{of['maker']} {name}", "base", "tool0", tuple(joints), end), ranges, of["source"])
