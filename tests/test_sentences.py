@@ -52,10 +52,12 @@ NAMED = {
     "unit": "mm",
     "errors": [{"name": "focal length", "estimate": 0.01, "sd": 1e-3}],
     "told": [{"group": "joint offsets", "share": 0.4}, {"group": "sag", "share": 0.1}],
+    "since": "21",
     "directions": [{"what": "rotation", "axis": [0.0, 1.0, 0.0], "size": 0.1}],
 }
 MADE = {"float": 0.25, "int": 3, "str": "text", "bool": True, "Sequence[float]": [0.6, 0.0, 0.8],
-        "Sequence[int]": [1, 2, 5], "Sequence[str]": ["x", "y"], "list[str]": ["x", "y"]}  # fmt: skip
+        "Sequence[int]": [1, 2, 5], "Sequence[str]": ["x", "y"], "list[str]": ["x", "y"],
+        "Paths": [{"name": "board", "by": None, "since": "21"}, {"name": "left", "by": "tag", "since": None}]}  # fmt: skip
 
 
 def values_of(code):

@@ -65,6 +65,7 @@ if _typing.TYPE_CHECKING:
     from .model.points.measured import PointSet, Target
     from .model.points.point_file import read_points, read_target
     from .model.points.result import PointPoses, read_point_poses
+    from .model.poses.estimated_pose import EstimatedPose
     from .model.poses.motions import Motions, relative_motions
     from .model.poses.pose_pairs import PosePairs
     from .model.poses.stream import Stream
@@ -85,10 +86,8 @@ if _typing.TYPE_CHECKING:
     from .report.certificate import Certificate, make_certificate
     from .report.comparison.compare import compare
     from .report.comparison.result import Comparison
-    from .rig.calibrate import calibrate_rig, update_rig
     from .rig.description import ArmPoses, Rig, View
     from .rig.files.rig_file import read_rig
-    from .rig.poses import EstimatedPose
     from .rig.result import RigCalibration
     from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
@@ -172,7 +171,6 @@ __all__ = [
     "bound",
     "calibrate",
     "calibrate_camera",
-    "calibrate_rig",
     "camera_noise",
     "check",
     "compare",
@@ -234,7 +232,6 @@ __all__ = [
     "theta_from_paper",
     "to_convention",
     "update",
-    "update_rig",
     "verify",
     "write_pose_file",
 ]
@@ -333,9 +330,8 @@ _LATER = {
     "model.points.result": ("PointPoses", "read_point_poses"),
     "model.points.point_file": ("read_points", "read_target"),
     "model.points.measured": ("PointSet", "Target"),
-    "rig.calibrate": ("calibrate_rig", "update_rig"),
     "rig.description": ("ArmPoses", "Rig", "View"),
-    "rig.poses": ("EstimatedPose",),
+    "model.poses.estimated_pose": ("EstimatedPose",),
     "rig.result": ("RigCalibration",),
     "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),

@@ -160,7 +160,7 @@ def view_rig_png() -> bytes:
     on = dict.fromkeys(apart, "arm") | {"cell": "world"}
     rig = uq.Rig({"arm": poses.robot}, on, {"board": "world", "tag": "arm"}, views)
     sizes = dict.fromkeys(on, ("0.05deg", "0.4mm")) | {"arm": ("0.02deg", "0.08mm")}
-    return _viewed(view_page(uq.calibrate_rig(rig, noise=sizes), port=0))
+    return _viewed(view_page(uq.calibrate(rig, noise=sizes), port=0))
 
 
 def _viewed(page: Any) -> bytes:

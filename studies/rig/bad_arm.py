@@ -92,7 +92,7 @@ def run(count: int) -> None:
     off, squares = [], []
     for seed in range(count):
         rig, true = drawn(seed)
-        pair = uq.calibrate_rig(rig).relative("one", "two")
+        pair = uq.calibrate(rig).relative("one", "two")
         e = error(pair.pose, true)
         off.append(1e3 * float(np.linalg.norm(e[3:])))
         squares.append(float(e @ np.linalg.solve(pair.covariance, e)))

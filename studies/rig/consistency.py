@@ -12,6 +12,7 @@ import numpy as np
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import logarithm
+from uq_handeye.rig.calibrate import calibrate_rig
 from uq_handeye.rig.fit import RigFit, fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import given_noise
@@ -61,7 +62,7 @@ def run(trials: int, estimated: bool) -> None:
         for k in range(trials):
             rig = with_noise(exact, noise, k)
             if estimated:
-                result = uq.calibrate_rig(rig, robust=False, shared=False)
+                result = calibrate_rig(rig, robust=False, shared=False)
                 names, at, S = result.names, result.poses, result.covariance
             else:
                 found, graph = fitted(rig, truth, noise)

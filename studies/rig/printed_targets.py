@@ -41,7 +41,7 @@ def main(rigs: int) -> None:
         off, stated, d2 = [], [], []
         for seed in range(rigs):
             rig, truth = drawn(seed, common, own)
-            for name, one in uq.calibrate_rig(rig).cameras.items():
+            for name, one in uq.calibrate(rig).cameras.items():
                 xi = error(one.X, truth[name])
                 off.append(xi[3:] @ xi[3:])
                 stated.append(one.sizes[1] ** 2)

@@ -15,6 +15,7 @@ import pandas as pd
 
 import uq_handeye as uq
 from uq_handeye.read import read_pose_file
+from uq_handeye.rig.calibrate import calibrate_rig
 
 from .consistency import error, rms
 
@@ -33,7 +34,7 @@ def by_corners(folder: Path, known: bool) -> uq.RigCalibration:
             lines.append(f'[cameras.c{k}]\non = "world"\nintrinsics = "intrinsics.json"')
             lines.append(f'[[views]]\ncamera = "c{k}"\ntarget = "board"\ncorners = "{k}.csv"')
         (Path(own) / "rig.toml").write_text("\n".join(lines))
-        return uq.calibrate_rig(*uq.read_rig(Path(own) / "rig.toml"))
+        return calibrate_rig(*uq.read_rig(Path(own) / "rig.toml"))
 
 
 def joint_error(found: uq.RigCalibration, truth: dict[str, np.ndarray]) -> str:
@@ -57,11 +58,11 @@ def run(folder: Path) -> None:
     cameras = dict.fromkeys(truth, "world")
     # all errors that poses share, those of known intrinsics, none
     for shared in (True, ("accuracy", "scale"), False):
-        found = uq.calibrate_rig(uq.Rig({"arm": arm}, cameras, {"board": "arm"}, tuple(views)), shared=shared)
+        found = calibrate_rig(uq.Rig({"arm": arm}, cameras, {"board": "arm"}, tuple(views)), shared=shared)
         print(f"shared={shared}: {joint_error(found, truth)}")
         try:
             alone = {
-                view.camera: uq.calibrate_rig(
+                view.camera: calibrate_rig(
                     uq.Rig({"arm": arm}, {view.camera: "world"}, {"board": "arm"}, (view,)), shared=shared
                 ).poses[0]
                 for view in views

@@ -196,7 +196,7 @@ def test_stored_results_are_drawn(driver, kind):
     if kind == "a rig":
         rig, _ = simulate_rig({"left": "arm", "cell": "world"}, {"board": "world", "tag": "arm"}, n_poses=10, seed=1,
                               seen=[("left", "board"), ("cell", "tag")])  # fmt: skip
-        result = uq.calibrate_rig(rig, noise=dict.fromkeys(("arm", "left", "cell"), ("1mrad", "1mm")))
+        result = uq.calibrate(rig, noise=dict.fromkeys(("arm", "left", "cell"), ("1mrad", "1mm")))
         texts = ["gripper_T_left", "world_T_cell", "Robot pose 0. Ellipsoids"]
     else:
         result = uq.calibrate(uq.simulate(n_poses=10, noise=NOISE, seed=8), noise=NOISE)

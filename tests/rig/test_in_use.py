@@ -10,6 +10,7 @@ from scipy.stats import binom, chi2
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, perturb
+from uq_handeye.rig.calibrate import calibrate_rig, update_rig
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
@@ -49,7 +50,7 @@ def test_new_views_agree_as_often_as_the_level_says():
     p = []
     for k in range(60):
         old, new, _, noise = drawn(HAND, 30, 20, k)
-        p.append(uq.calibrate_rig(old, noise, robust=False).check(new).p_value)
+        p.append(calibrate_rig(old, noise, robust=False).check(new).p_value)
     assert binom.cdf(sum(value < 0.05 for value in p), 60, 0.05) < 0.999
     assert chi2.sf(-2 * np.log(p).sum(), 120) > 1e-4  # not too small
     assert chi2.cdf(-2 * np.log(p).sum(), 120) > 1e-4  # not too large
@@ -57,7 +58,7 @@ def test_new_views_agree_as_often_as_the_level_says():
 
 @pytest.mark.statistical
 def test_estimated_noise_is_covered():
-    p = [uq.calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))]
+    p = [calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))]
     assert binom.cdf(sum(value < 0.05 for value in p), 25, 0.05) < 0.999
     assert abs(np.mean(p) - 0.5) < 4 / np.sqrt(12 * 25)  # nor is it far too careful
 
@@ -80,7 +81,7 @@ def test_the_pose_that_moved_is_named(name):
             C = C @ inverse(truth[name]) @ move
         views.append(uq.View(view.camera, view.target, C, view.at))
     new = uq.Rig(new.arms, new.cameras, new.targets, views)
-    result = uq.calibrate_rig(with_noise(old, noise, [SEED, 1]), noise)
+    result = calibrate_rig(with_noise(old, noise, [SEED, 1]), noise)
     found = result.check(with_noise(new, noise, [SEED, 2]))
     assert found.status == "moved" and found.moves[0].name == name
     assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
@@ -95,7 +96,7 @@ def test_what_the_calibration_left_open_raises_no_alarm():
     exact, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=40, axes=np.eye(3)[:1], seed=3)
     old, new = split(exact, 25)
     noise = noise_of(exact)
-    result = uq.calibrate_rig(with_noise(old, noise, 1), noise)
+    result = calibrate_rig(with_noise(old, noise, 1), noise)
     assert len(result.open) == 1
     free, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=6, seed=3)
     found = result.check(with_noise(new, noise, 2))
@@ -117,7 +118,7 @@ def test_what_the_calibration_left_open_raises_no_alarm():
 def test_new_views_of_something_else_are_refused(change, message):
     old, new, _, noise = drawn(HAND, 20, 15, 0)
     with pytest.raises(uq.InputError, match=message):
-        uq.calibrate_rig(old, noise).check(change(new))
+        calibrate_rig(old, noise).check(change(new))
 
 
 CELL = ({"left": "arm", "right": "arm", "front": "world"}, {"board": "world", "plate": "arm"})
@@ -136,7 +137,7 @@ def test_predicted_points_are_consistent():
     asked = [("left", "world"), ("left", "right"), ("left", "front"), ("front", "world")]
     squares = dict.fromkeys(asked, 0.0)
     for k in range(draws):
-        result = uq.calibrate_rig(with_noise(exact, noise, [SEED, k]), noise, robust=False)
+        result = calibrate_rig(with_noise(exact, noise, [SEED, k]), noise, robust=False)
         sizes = np.repeat([0.5e-3, 0.3e-3], 3)
         robot = {name: perturb(T, sizes * rng.normal(size=6)) for name, T in at.items()}
         for camera, into in asked:
@@ -153,7 +154,7 @@ def test_predicted_points_are_consistent():
 def test_derivatives_of_points_with_two_arms_are_those_of_differences(into):
     exact, _ = simulate_rig(*TWO_ARMS, arms=("a", "b"), n_poses=15, seed=7)
     noise = noise_of(exact)
-    result = uq.calibrate_rig(with_noise(exact, noise, [SEED, 1]), noise, robust=False)
+    result = calibrate_rig(with_noise(exact, noise, [SEED, 1]), noise, robust=False)
     p, at = np.array([0.02, -0.01, 0.5]), {name: arm.poses[3] for name, arm in exact.arms.items()}
     step, N = 1e-6, len(result.posterior.covariance)
 
@@ -179,7 +180,7 @@ def test_derivatives_of_points_with_two_arms_are_those_of_differences(into):
 
 def test_relative_points_of_one_arm_do_not_depend_on_its_pose():
     old, _, _, noise = drawn(HAND, 20, 15, 0)
-    result = uq.calibrate_rig(old, noise)
+    result = calibrate_rig(old, noise)
     p = np.array([[0.0, 0.0, 0.4]])
     near, far = (result.predict("left", p, {"arm": old.arms["arm"].poses[k]}, "right") for k in (1, 9))
     np.testing.assert_allclose(near.points, far.points, atol=1e-12)
@@ -193,7 +194,7 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     exact, _ = simulate_rig({"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=60, seed=7)
     noise = noise_of(exact)
     old, _ = split(exact, 12)
-    result = uq.calibrate_rig(with_noise(old, noise, 1), noise, robust=False)
+    result = calibrate_rig(with_noise(old, noise, 1), noise, robust=False)
     found = result.plan({"arm": exact.arms["arm"].poses}, k=4)
     errors = [found.error, *(step.error for step in found.steps)]
     assert all(a > b for a, b in itertools.pairwise(errors))
@@ -212,12 +213,12 @@ def test_the_public_functions_take_rigs():
     noise = noise_of(exact)
     old, new = split(with_noise(exact, noise, [SEED, 3]), 30)
     result = uq.calibrate(old, noise=noise)
-    assert result.to_dict() == uq.calibrate_rig(old, noise).to_dict()
+    assert result.to_dict() == calibrate_rig(old, noise).to_dict()
     found = uq.check(result, new, tolerance="1mm,0.1deg")
     assert found.limits == (1e-3, np.radians(0.1)) and found.status == "cannot tell"
     assert uq.check(result, new).to_dict() == result.check(new).to_dict()
     assert uq.plan(result, k=2).to_dict() == result.plan(k=2).to_dict()
-    np.testing.assert_allclose(uq.update(result, new).poses, uq.update_rig(result, new).poses)
+    np.testing.assert_allclose(uq.update(result, new).poses, update_rig(result, new).poses)
     for call in (
         lambda: uq.check(result, new, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))),
         lambda: uq.plan(result, criterion="trace"),
@@ -236,7 +237,7 @@ def test_the_public_functions_take_rigs():
 def test_what_is_not_the_same_widens_the_test():
     """Another right camera has another focal length: with its own errors drawn again less is a contradiction."""
     old, new, *_ = drawn(HAND, 40, 30, 8)
-    result = uq.calibrate_rig(old)
+    result = calibrate_rig(old)
     all_same, other = uq.check(result, new), uq.check(result, new, same=["arm", "left", "board"])
     assert other.d2 < all_same.d2
     assert uq.check(result, new, same="robot,camera,target").d2 == pytest.approx(all_same.d2)
@@ -248,7 +249,7 @@ def test_what_is_not_the_same_widens_the_test():
 def test_a_log_of_checks_of_a_rig_shows_what_moves(tmp_path):
     exact, truth = simulate_rig(*HAND, n_poses=40, seed=7)
     noise = noise_of(exact)
-    result = uq.calibrate_rig(with_noise(exact, noise, [SEED, 0]), noise)
+    result = calibrate_rig(with_noise(exact, noise, [SEED, 0]), noise)
     shifted = perturb(truth["right"], np.array([0, 0, 0, 2e-3, 0, 0]))
     for day in range(4):
         rng = np.random.default_rng([SEED, day])
@@ -266,7 +267,7 @@ def test_a_log_of_checks_of_a_rig_shows_what_moves(tmp_path):
     again = uq.read_checks(tmp_path / "log.csv", result)
     assert not again.damaged and len(again) == 4 and again.checks[3].n_poses == sum(len(v.poses) for v in new.views)
     with pytest.raises(uq.InputError, match="another calibration"):
-        uq.read_checks(tmp_path / "log.csv", uq.calibrate_rig(exact, noise))
+        uq.read_checks(tmp_path / "log.csv", calibrate_rig(exact, noise))
 
 
 @pytest.mark.slow
@@ -275,13 +276,13 @@ def test_an_update_is_the_calibration_of_all_views():
     noise = noise_of(exact)
     whole = with_noise(exact, noise, [SEED, 3])
     old, new = split(whole, 20)
-    result = uq.calibrate_rig(old, noise)
-    found = uq.update_rig(result, new)
-    alone = uq.calibrate_rig(whole, noise)
+    result = calibrate_rig(old, noise)
+    found = update_rig(result, new)
+    alone = calibrate_rig(whole, noise)
     np.testing.assert_allclose(found.poses, alone.poses, atol=1e-10)
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-6, atol=1e-16)
     with pytest.raises(uq.InputError, match="has already"):
-        uq.update_rig(found, new)
+        update_rig(found, new)
 
 
 def test_an_update_that_contradicts_is_refused():
@@ -293,6 +294,6 @@ def test_an_update_that_contradicts_is_refused():
         uq.View(v.camera, v.target, inverse(move) @ v.poses if v.camera == "left" else v.poses, v.at) for v in new.views
     ]
     new = with_noise(uq.Rig(new.arms, new.cameras, new.targets, views), noise, 2)
-    result = uq.calibrate_rig(with_noise(old, noise, 1), noise)
+    result = calibrate_rig(with_noise(old, noise, 1), noise)
     with pytest.raises(uq.InputError, match=r"contradict the calibration\. MOVED: left"):
-        uq.update_rig(result, new)
+        update_rig(result, new)

@@ -8,6 +8,7 @@ import pytest
 import uq_handeye as uq
 from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
 from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.rig.calibrate import calibrate_rig
 from uq_handeye.rig.checks.optimality import PROVEN, Isotropic, _constraints, prove
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
@@ -94,7 +95,7 @@ def test_a_fit_in_a_local_minimum_is_left_for_the_global_one(monkeypatch):
     exact, _ = simulate_rig({"c": "arm"}, {"t": "world"}, n_poses=12, axes=NEAR_AXES, seed=0)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)
     rig = with_noise(exact, noise, [SEED, 0])
-    right = uq.calibrate_rig(rig, noise, robust=False)
+    right = calibrate_rig(rig, noise, robust=False)
     assert right.optimality.proven and right.optimality.rejected == 0
     graph = Graph.of(rig)
     problem = Isotropic.of(graph, right.poses, np.full((graph.E, 2), 4e-6), np.ones(graph.E, dtype=bool))
@@ -108,7 +109,7 @@ def test_a_fit_in_a_local_minimum_is_left_for_the_global_one(monkeypatch):
         monkeypatch.setattr(
             "uq_handeye.rig.calibrate.start_of", lambda g, s, at=planted: (at, np.ones(g.E, dtype=bool))
         )
-        found = uq.calibrate_rig(rig, noise, robust=False)
+        found = calibrate_rig(rig, noise, robust=False)
         left += 1
         assert found.optimality.proven
         # two steps of `efficient` from two starts agree far below the standard deviations
@@ -121,12 +122,12 @@ def test_two_arms_are_not_proven_unless_the_base_is_known():
     exact, truth = simulate_rig({"c1": "a"}, {"t1": "b"}, arms=("a", "b"), n_poses=30, seed=4)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)
     rig = with_noise(exact, noise, [SEED, 1])
-    found = uq.calibrate_rig(rig, noise)
+    found = calibrate_rig(rig, noise)
     assert not found.optimality.proven
     assert "that of b is estimated" in found.text()
     assert found.to_dict()["optimality"]["proven"] is False
     known = uq.Rig(rig.arms, rig.cameras, rig.targets, rig.views, {"b": (truth["b"], 1e-8 * np.eye(6))})
-    assert uq.calibrate_rig(known, noise).optimality.proven
+    assert calibrate_rig(known, noise).optimality.proven
 
 
 @pytest.mark.parametrize("place", ["arm", "world"])

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.cli.app import main
+from uq_handeye.rig.calibrate import calibrate_rig
 from uq_handeye.rig.page import rig_html
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 
@@ -60,7 +61,7 @@ def folder(tmp_path):
 def test_rows_match_by_time_whatever_their_order(folder, capsys):
     path, truth = folder
     rig, noise = uq.read_rig(path / "rig.toml")
-    result = uq.calibrate_rig(rig, noise)
+    result = calibrate_rig(rig, noise)
     np.testing.assert_allclose(result.cameras["left"].X, truth["left"], atol=5e-3)
     assert result.dof == 6 * 30 - 18
     with pytest.raises(SystemExit) as ended:
@@ -285,7 +286,7 @@ def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
     rig, truth = simulate_rig(*on, arms=("a", "b"), n_poses=15, noise=sizes, seed=4)
     known = uq.PosePrior.of((truth["board"], np.diag([1e-4] * 3 + [np.inf] * 3)))
     rig = uq.Rig(rig.arms, rig.cameras, rig.targets, rig.views, {"board": known})
-    result = uq.calibrate_rig(rig, sizes if noise == "given" else None)
+    result = calibrate_rig(rig, sizes if noise == "given" else None)
     result.save(tmp_path / "rig.json")
     again = uq.load(tmp_path / "rig.json")
     assert_same(result, again)
@@ -310,7 +311,7 @@ def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
 )
 def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, message):
     path = two_on_the_hand
-    uq.calibrate_rig(*uq.read_rig(path / "rig.toml")).save(path / "rig.json")
+    calibrate_rig(*uq.read_rig(path / "rig.toml")).save(path / "rig.json")
     data = json.loads((path / "rig.json").read_text())
     damage(data)
     (path / "rig.json").write_text(json.dumps(data))
@@ -385,8 +386,8 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
 def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_on_the_hand):
     rig, _ = uq.read_rig(two_on_the_hand / "rig.toml")
     small = dict.fromkeys(("arm", "left", "right"), ("0.2mrad", "0.1mm"))
-    assert "views were rejected" in rig_html(uq.calibrate_rig(rig, small))
-    result = uq.calibrate_rig(rig, small, robust=False)
+    assert "views were rejected" in rig_html(calibrate_rig(rig, small))
+    result = calibrate_rig(rig, small, robust=False)
     page = rig_html(result, date="today")
     assert 'class="answer caution"' in page and "the errors are larger than stated" in page
     assert page == rig_html(result, date="today")
@@ -396,7 +397,7 @@ def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_o
 def test_a_rig_that_is_not_determined_says_so_in_its_report():
     rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1)
     rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
-    page = rig_html(uq.calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
+    page = rig_html(calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
     assert "Not determined in all directions: left" in page and "stroke-dasharray" in page
 
 
@@ -443,7 +444,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     assert run("update", stored, path / "new.toml", "-o", path / "new", "--report", path / "new.html") == 0
     rig, noise = uq.read_rig(path / "rig.toml")
     capsys.readouterr()
-    np.testing.assert_allclose(uq.load(path / "new" / "rig.json").poses, uq.calibrate_rig(rig, noise).poses, atol=1e-9)
+    np.testing.assert_allclose(uq.load(path / "new" / "rig.json").poses, calibrate_rig(rig, noise).poses, atol=1e-9)
     for wrong, said in (
         (("check", stored, path / "robot.csv"), "come as a rig file"),
         (("check", stored, path / "robot.csv", path / "left.csv"), "CAMERA: not for the result of a rig"),
@@ -496,7 +497,7 @@ def test_a_rig_in_which_something_moved_is_not_certified(two_on_the_hand):
         poses = np.array(view.poses)
         poses[np.array(view.at) > 9, 0, 3] += 0.02 if view.camera == "left" else 0.0
         views.append(uq.View(view.camera, view.target, poses, view.at))
-    result = uq.calibrate_rig(uq.Rig(rig.arms, rig.cameras, rig.targets, views), noise)
+    result = calibrate_rig(uq.Rig(rig.arms, rig.cameras, rig.targets, views), noise)
     found = uq.make_certificate(result)
     assert not found.certified and "poses" not in found.to_dict()
     assert "NOT CERTIFIED" in found.to_html() and "gripper_T_left" not in found.to_html()
@@ -510,7 +511,7 @@ def test_the_report_has_the_certificate_of_the_minimum_and_a_drawing_of_many_cam
     targets = {f"tag {k}": "world" if k == 1 else "arm" for k in range(4)}
     noise = dict.fromkeys(("arm", *cameras), ("0.5mrad", "0.3mm"))
     rig, _ = simulate_rig(cameras, targets, n_poses=15, noise=noise, seed=1)
-    result = uq.calibrate_rig(rig, noise)
+    result = calibrate_rig(rig, noise)
     page = rig_html(result, details=True)
     assert "Certificate of the global minimum" in page and "relative gap" in page
     svg = re.search(r"<svg viewBox=.*?</svg>", page, re.S).group()

@@ -14,6 +14,7 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 from uq_handeye.model.camera.corners_file import corners_text
 from uq_handeye.read import write_pose_file
+from uq_handeye.rig.calibrate import calibrate_rig
 from uq_handeye.rig.checks.check import new_noise
 from uq_handeye.rig.files.rig_file import read_rig
 from uq_handeye.rig.graph import Graph
@@ -72,7 +73,7 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
     for seed in range(8):
         rng = np.random.default_rng(seed)
         truth, _ = of_arm(tmp_path, rng)
-        result = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml"))
+        result = calibrate_rig(*read_rig(tmp_path / "rig.toml"))
         assert any(name.startswith("arm joint offsets") for name in result.posterior.names)
         squares.append(square(result.relative("left", "right"), np.linalg.inv(truth["left"]) @ truth["right"]) / 6)
     assert 0.5 < np.mean(squares) < 1.6  # chi-square of 48 numbers; X itself is stated in the frames of the workspace
@@ -170,7 +171,7 @@ def test_corners_by_known_intrinsics_carry_their_errors(tmp_path):
     squares = []
     for seed in range(20):
         truth = with_corners(tmp_path, seed)
-        result = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml"))
+        result = calibrate_rig(*read_rig(tmp_path / "rig.toml"))
         squares.append(square(result.cameras["eye"], truth["eye"]) / 6)
     assert 0.6 < np.mean(squares) < 1.5, np.mean(squares)  # without the intrinsics' errors: 5 and more
     assert result.rig.views[0].intrinsics.shape[2] == 4
@@ -179,14 +180,14 @@ def test_corners_by_known_intrinsics_carry_their_errors(tmp_path):
 @pytest.mark.slow
 def test_wrong_corners_and_pictures_are_left_out(tmp_path):
     with_corners(tmp_path, 3)
-    before = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
+    before = calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
     seen = pd.read_csv(tmp_path / "board.csv")
     seen.loc[seen["row"] == 2, ["u", "v"]] = seen.loc[seen["row"] == 2, ["u", "v"]].to_numpy()[::-1] * [1.0, 1.2]
     seen.loc[5, "u"] += 30.0
     seen.to_csv(tmp_path / "board.csv", index=False)
     rig, _ = read_rig(tmp_path / "rig.toml")
     assert 2 not in rig.views[0].at and len(rig.views[0].poses) == 14
-    after = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
+    after = calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
     sd = np.sqrt(np.diag(before.covariance))
     assert (np.sqrt(np.diag(after.covariance)) < 1.3 * sd).all()
     assert square(after, before.pose) < 3.0
@@ -241,13 +242,13 @@ def test_a_bag_is_a_source_with_a_clock_for_each_camera(bag):
     path, truth = bag
     rig, noise = read_rig(path / "rig.toml")
     assert noise is None and len(rig.views[0].poses) > 60
-    result = uq.calibrate_rig(rig, shared=False)
+    result = calibrate_rig(rig, shared=False)
     relative = np.linalg.inv(truth["left"]) @ truth["right"]
     turn, shift = np.split(error(result.relative("left", "right"), relative), 2)
     assert np.linalg.norm(turn) < 5e-4 and np.linalg.norm(shift) < 1e-3
     text = (path / "rig.toml").read_text()
     (path / "late.toml").write_text(text.replace("[cameras.right]\n", "[cameras.right]\noffset = 0.0\n"))
-    late = uq.calibrate_rig(read_rig(path / "late.toml")[0], shared=False, robust=False)
+    late = calibrate_rig(read_rig(path / "late.toml")[0], shared=False, robust=False)
     assert np.linalg.norm(error(late.relative("left", "right"), relative)) > 5 * np.linalg.norm(np.r_[turn, shift])
 
 

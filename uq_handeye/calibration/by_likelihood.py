@@ -72,6 +72,7 @@ from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.parts import FourDPA
 from .findings import said_open, wrong_poses
 from .job import Job
+from .moves import moves
 from .prediction.workspace import local_findings
 from .request import of_motions
 from .result import Calibration
@@ -351,6 +352,8 @@ def _assembled(
             for one in findings
         ]
     findings += _of_fit(job, noise, fit, result, wrong_size, (angle, distance))
+    if poses is not None and isinstance(noise, PoseNoise):
+        findings += moves(poses, noise, fit)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint, wrong_size)

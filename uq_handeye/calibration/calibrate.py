@@ -35,6 +35,7 @@ from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
 from ..rig.noise import NoiseByName
+from ..rig.single import is_single, single_of
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
 
 @overload
-def calibrate(data: Rig, **options: Any) -> RigCalibration: ...
+def calibrate(data: Rig, **options: Any) -> Calibration | RigCalibration: ...
 @overload
 def calibrate(
     data: PosePairs | Motions | ArrayLike, camera: ArrayLike | None = None, **options: Any
@@ -70,9 +71,9 @@ def calibrate(
     Parameters
     ----------
     data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, together with `camera`; or Rig
-        Robot and camera poses are arrays, lists, or SciPy's RigidTransform. A Rig of several cameras, targets and arms
-        is estimated by `calibrate_rig`, with noise, method, robust and seed; ``shared=[]`` leaves out the errors that
-        poses share.
+        Robot and camera poses are arrays, lists, or SciPy's RigidTransform. A Rig of one camera, one target and one arm
+        is the same data; of several (`RigCalibration`) noise, method, robust and seed may be given, and ``shared=[]``
+        leaves out the errors that poses share.
     camera : (n, 4, 4) or None
         Camera poses camera_T_target.
     setup : "eye-in-hand" (None) or "eye-to-hand"
@@ -118,8 +119,12 @@ def calibrate(
     """
     require_known("calibrate", asked, Request)
     if isinstance(data, Rig):
-        require_left_out("of a rig", camera=camera, setup=setup, exclude=exclude, only=only)
-        return _calibrate_rig(data, **asked)
+        require_left_out("of a rig", camera=camera, setup=setup)
+        if not is_single(data):
+            require_left_out("of several cameras, targets or arms", exclude=exclude, only=only)
+            return _calibrate_rig(data, **asked)
+        data, options = single_of(data, asked.pop("noise", None))
+        asked = options | asked
     taken: Any = pairs_of(data, camera, setup)
     request = Request(**asked)
     if not isinstance(taken, PosePairs) or taken.robot.ndim != 3:
@@ -141,7 +146,7 @@ calibrate.__doc__ = documented(calibrate.__doc__)
 def _calibrate_rig(
     data: Rig,
     noise: NoiseByName | None = None,
-    method: str | None = None,
+    method: str = "efficient",
     robust: bool | None = None,
     seed: int = 0,
     shared: Sequence[SharedError] | None = None,
@@ -152,9 +157,11 @@ def _calibrate_rig(
 
     defaults = {name: field.default for name, field in Request.__dataclass_fields__.items()}
     left = {name: np.ndim(value) == 0 and value == defaults[name] for name, value in others.items() if np.size(value)}
-    require_left_out("of a rig", **{name: others[name] for name, silent in left.items() if not silent})
-    own = {} if method is None else {"method": method}
-    return calibrate_rig(data, noise, robust=robust is not False, shared=shared is None, seed=seed, **own)
+    where = "of several cameras, targets or arms"
+    require_left_out(where, **{name: others[name] for name, silent in left.items() if not silent})
+    if shared:
+        raise InputError(f"Expected no `shared` errors or none at all ([]) {where}, got {len(shared)}.")
+    return calibrate_rig(data, noise, method=method, robust=robust is not False, shared=shared is None, seed=seed)
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:

@@ -18,6 +18,7 @@ from .names import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORL
 from .noise import Given, given_of, noise_of
 from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
+from .rigs import is_rig_file, named_camera, read_rig_file
 from .touches import TouchesToUse
 from .values import one_of, said_of
 from .views import Views, views_of
@@ -61,9 +62,13 @@ class NewPoses:
 
     def read(self, stored: "Calibration", name: str) -> "PosePairs":
         """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
-        if self.cameras:
-            raise InputError(f"--camera NAME=FILE: {name} is the result of one camera. Give its file as CAMERA.")
-        files = self.files
+        files, camera = named_camera(self.files, self.cameras)
+        if camera not in (None, stored.names.camera):
+            raise InputError(f"--camera {camera}: {name} has the camera {stored.names.camera!r}. Correct the name.")
+        if is_rig_file(files.robot):
+            from ..rig.single import poses_like
+
+            return poses_like(read_rig_file(files)[0], stored.names)
         if files.setup is None and stored.setup is not None:
             files = replace(files, setup=stored.setup)
         return files.read_new(self._pictures(stored, name), self._arm(stored, name))

@@ -15,12 +15,16 @@ from .printing import emit
 from .values import coordinates, one_of
 
 if TYPE_CHECKING:
+    from ..model.poses.pose_pairs import PosePairs
+    from ..model.shared_errors.shared_error import SharedError
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
     from .noise import Given
     from .pose_files import PoseFiles
+
+    Described = tuple[Rig, Any]
 
 
 # Options that a rig takes with a rig file, and with a file for each camera.
@@ -32,24 +36,84 @@ _OF_FILES = {"--camera", "--setup", "--pair", "--time-tolerance", "--robot-noise
              "--format", "--units", "--rotation", "--quaternion"}  # fmt: skip
 
 
-def is_rig(robot: Path | None, cameras: tuple[str, ...]) -> bool:
-    """Return whether a calibration is that of a rig: a TOML file, or cameras by their names."""
-    return bool(cameras) or (robot is not None and robot.suffix.lower() == ".toml")
+# What a rig file says itself: files, how they are read, noise, pictures, boards and arms.
+_SAID_BY_FILE = _OF_FILES | {
+    "CAMERA", "--offset", "--bag", "--robot", "--still", "--watch", "--images", "--board", "--square",
+    "--marker", "--dictionary", "--pattern", "--spacing", "--intrinsics", "--camera-matrix", "--image-size",
+    "--joints", "--joint-units", "--urdf", "--robot-model", "--dh", "--ur-calibration", "--base", "--tip",
+    "--touches", "--robot-prior", "--camera-prior", "--prior-factor",
+}  # fmt: skip
+
+
+def is_rig_file(file: Path | None) -> bool:
+    """Return whether a file in place of ROBOT describes a rig."""
+    return file is not None and file.suffix.lower() == ".toml"
+
+
+def read_rig_file(files: "PoseFiles") -> "Described":
+    """Return the rig of a file and its noise; only options that a rig file leaves open may be given."""
+    from ..rig.files.rig_file import read_rig
+
+    assert files.robot is not None
+    if wrong := [name for name in given_options() if name in _SAID_BY_FILE]:
+        raise InputError(f"{', '.join(wrong)}: a rig file says that itself. Remove it, or change {files.robot}.")
+    return read_rig(files.robot)
+
+
+def several_cameras(described: "Described | None", cameras: tuple[str, ...]) -> bool:
+    """Return whether a rig has several cameras, targets or arms: all others are poses side by side."""
+    if described is None:
+        return len(cameras) > 1
+    from ..rig.single import is_single
+
+    return not is_single(described[0])
+
+
+def named_camera(files: "PoseFiles", cameras: tuple[str, ...]) -> "tuple[PoseFiles, str | None]":
+    """Return the files with the one of ``--camera NAME=FILE`` as CAMERA, and its name; as they are without."""
+    if not cameras:
+        return files, None
+    ((name, file),) = _named(cameras).items()
+    if files.camera is not None:
+        raise InputError(f"The camera is given twice, {files.camera} and --camera {cameras[0]}. Remove one of them.")
+    return replace(files, camera=file), name
+
+
+def poses_of_rig_file(
+    described: "Described", given: "Given"
+) -> "tuple[PosePairs, Any, list[SharedError] | None, dict[str, Any]]":
+    """Return poses, noise, shared errors and further arguments of `calibrate` of one camera in a rig file."""
+    from ..rig.single import single_of
+
+    poses, options = single_of(*described)
+    shared, noise = given.shared, options.pop("noise", None)
+    if "kinematics" in options and shared.robot_class is not None:
+        options["kinematic_errors"] = replace(options["kinematic_errors"], robot_class=shared.robot_class)
+        shared = replace(shared, robot_class=None)
+    return poses, noise, shared.errors(poses, noise), options
 
 
 def calibrate_rig_files(
-    data: "Data", asked: "Estimation", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs"
+    described: "Described | None",
+    data: "Data",
+    asked: "Estimation",
+    wishes: "ReportOptions",
+    wanted: Wanted,
+    outputs: "Outputs",
 ) -> int:
-    """Calibrate a rig, print it and write its files; return the exit status."""
+    """Calibrate several cameras, targets or arms, print the result and write its files; return the exit status.
+
+    ``described``: rig and noise of a rig file; None: a file for each camera.
+    """
     from ..rig.calibrate import calibrate_rig
 
-    cameras, given = data.robot.cameras, data.given
-    _refuse_others(bool(cameras))
+    given = data.given
+    _refuse_others(described is None)
     outputs.require_possible()
     if given.shared.shared is not None and given.shared.shared not in ("defaults", "none"):
         raise InputError(f"Expected --shared to be defaults or none, got {given.shared.shared!r}.")
     with withheld() as shown, timed("reading"):
-        rig, noise = _of_cameras(data.files, cameras, given) if cameras else _of_file(data.files.robot)
+        rig, noise = described or _of_cameras(data.files, data.robot.cameras, given)
         with timed("calibrating"):
             result = calibrate_rig(
                 rig,
@@ -68,13 +132,6 @@ def _refuse_others(of_files: bool) -> None:
     if wrong := [name for name in given_options() if name not in takes]:
         what = "several cameras (--camera NAME=FILE)" if of_files else "a rig file"
         raise InputError(f"{', '.join(wrong)}: not for {what}. Remove it.")
-
-
-def _of_file(path: Path | None) -> "tuple[Rig, Any]":
-    from ..rig.files.rig_file import read_rig
-
-    assert path is not None
-    return read_rig(path)
 
 
 def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") -> "tuple[Rig, Any]":

@@ -22,8 +22,8 @@ from ..core.formatting.numbers import digits, probability
 from ..core.geometry.rotations import Rotation
 from ..core.numbers.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
+from ..model.poses.estimated_pose import EstimatedPose
 from ..rig.page import FRAMES, headline, noise_table, rig_sketch
-from ..rig.poses import EstimatedPose
 from ..rig.result import RigCalibration
 from .budget import LEVEL
 from .certificate_form import Form, refused

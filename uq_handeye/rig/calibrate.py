@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..core.numbers.levels import CONTRADICTED
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..model.posterior.posterior import FreshNoise, Posterior
@@ -25,7 +24,7 @@ from .noise import NoiseByName, RigNoise, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
-from .weights import Distances, distances, find_pair, fit_robustly, is_pair, weigh_pair
+from .weights import Distances, distances, fit_robustly
 
 # The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
 MAX_FLICKERING_SHARE = 0.01
@@ -125,13 +124,11 @@ def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | Ri
 
     Its errors name the pose that moved, if one explains them.
     """
-    graph, weights = task.graph, None
+    graph = task.graph
     try:
-        if task.robust and not is_pair(task):
+        if task.robust:
             return fit_robustly(graph, noise, at, task.method, task.prior, kept)
-        if task.robust and graph.E >= MIN_POSES_FOR_ROBUST:
-            at, weights = weigh_pair(task, noise, at)
-        found = fit(graph, noise, at, task.method, weights, prior=task.prior)
+        found = fit(graph, noise, at, task.method, prior=task.prior)
         return found, distances(found)
     except (InputError, NotConvergedError) as error:
         if not task.robust:
@@ -147,9 +144,6 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
             f"Expected more views to estimate the noise from, got {graph.E} for {graph.m} unknown poses. Give more, or "
             "the noise."
         )
-    if is_pair(task) and (pair := find_pair(task, start)) is not None:
-        found = fit(graph, pair.sizes.noise, pair.at, task.method, pair.weights, prior=task.prior)
-        return _estimated(found, distances(found), pair.sizes)
     at, count, theta = start, kept if task.robust else np.ones(graph.E, dtype=bool), None
     begin: NDArray[np.bool_] | RigFit = count
     for done in range(6):

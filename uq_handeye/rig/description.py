@@ -54,6 +54,8 @@ class ArmPoses(ReadOnlyArrays):
         Joint values, rad or m, with ``kinematics``.
     robot_class : "industrial", "cobot", "hobby" or None
         Population of the errors of ``kinematics``; None: industrial.
+    timed : bool
+        Whether the names are times (s), also whole ones; fractions always are.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class ArmPoses(ReadOnlyArrays):
     kinematics: Kinematics | None = None
     joints: Array | None = None
     robot_class: str | None = None
+    timed: bool = False
 
     def __post_init__(self) -> None:
         of = self.source or "the arm"
@@ -94,6 +97,7 @@ class ArmPoses(ReadOnlyArrays):
         names: Sequence[Hashable] = (),
         source: str = "",
         robot_class: str | None = None,
+        timed: bool = False,
     ) -> ArmPoses:
         """Build the poses of an arm from its joints (n, L), or its joints from the poses by inverse kinematics.
 
@@ -112,23 +116,23 @@ class ArmPoses(ReadOnlyArrays):
                     f"{of}: the arm {chain.name} does not reach {int((~found.reached).sum())} of {len(T)} poses. Give "
                     "the chain up to the frame whose poses these are (base, tip), or joints."
                 )
-            return cls(T, tuple(names), source, chain, found.q, robot_class)
+            return cls(T, tuple(names), source, chain, found.q, robot_class, timed)
         q = as_numbers(joints, f"joints of {of}")
         if q.ndim != 2 or q.shape[1] != chain.n_joints or (T is not None and len(q) != len(T)):
             expected = f"({'n' if T is None else len(T)}, {chain.n_joints})"
             raise InputError(f"Expected `joints` of {of} to have shape {expected}, got {q.shape}.")
         if T is None:
-            return cls(chain.poses(q), tuple(names), source, chain, q, robot_class)
+            return cls(chain.poses(q), tuple(names), source, chain, q, robot_class, timed)
         against = compare_with_controller(chain, q, T)
         if not against.same_arm:
             raise InputError(f"{of}: {' '.join(map(str, against.findings))}")
-        return cls(T, tuple(names), source, against.adapt(chain), q, robot_class)
+        return cls(T, tuple(names), source, against.adapt(chain), q, robot_class, timed)
 
     def like(self, new: ArmPoses) -> ArmPoses:
         """Return new poses of this arm, with its kinematics; missing joints are computed from the nearest posture."""
         chain, q = self.kinematics, new.joints
         if chain is None:
-            return new if new.kinematics is None else ArmPoses(new.poses, new.names, new.source)
+            return new if new.kinematics is None else ArmPoses(new.poses, new.names, new.source, timed=new.timed)
         if q is None:
             apart = np.linalg.norm(new.poses[:, None, :3] - self.poses[None, :, :3], axis=(-2, -1))
             found = postures_at(chain, new.poses, np.asarray(self.joints)[apart.argmin(axis=1)])
@@ -138,7 +142,7 @@ class ArmPoses(ReadOnlyArrays):
                     f"{len(found.q)} poses. Give its joints."
                 )
             q = found.q
-        return ArmPoses(new.poses, new.names, new.source, chain, q, self.robot_class)
+        return ArmPoses(new.poses, new.names, new.source, chain, q, self.robot_class, new.timed)
 
     def joined(self, other: ArmPoses) -> ArmPoses:
         """Return these poses with those of another file; raises `InputError` where the two disagree."""
@@ -160,7 +164,8 @@ class ArmPoses(ReadOnlyArrays):
             joints = np.concatenate([self.joints, other.joints[new]])
         poses, names = np.concatenate([self.poses, other.poses[new]]), (*self.names, *(other.names[k] for k in new))
         chain = None if joints is None else self.kinematics
-        return ArmPoses(poses, names, self.source, chain, joints, None if chain is None else self.robot_class)
+        of_chain = None if chain is None else self.robot_class
+        return ArmPoses(poses, names, self.source, chain, joints, of_chain, self.timed and other.timed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,19 +63,16 @@ def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
     (6, 6), of arms also (n, 6, 6), or "exact"; or a `PoseNoise` for all arms and all cameras. The errors of arms with
     kinematics come on top, as large as those of their population.
     """
-    noise = _by_name(rig, noise)
-    require_type("noise", noise, Mapping, "a mapping of names of arms and cameras, or PoseNoise")
-    if unknown := [name for name in noise if name not in rig.arms and name not in rig.cameras]:
-        raise InputError(f"Expected `noise` of arms and cameras of the rig, got {unknown[0]!r}.")
+    noise = by_name(rig, noise)
     own = {view.camera for view in rig.views if view.covariance is None}
     robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
     for k, (name, arm) in enumerate(rig.arms.items()):
-        S = _covariance(noise, name, len(arm.poses))
+        S = covariance_of(noise, name, len(arm.poses))
         of = graph.arm == k
         robot[of] = S if S.ndim == 2 else S[graph.pose[of]]
     for name in rig.cameras:
         if name in own:
-            S = _covariance(noise, name, None)
+            S = covariance_of(noise, name, None)
             camera[np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.camera == name])] = S
     given, some = given_covariances(rig, graph)
     camera[some] = given[some]
@@ -109,7 +106,7 @@ def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]
 def require_noise(rig: Rig, noise: Mapping[str, NoiseOfOne]) -> None:
     """Raise `InputError` for a value that is no noise of its arm or camera."""
     for name in noise:
-        _covariance(noise, name, len(rig.arms[name].poses) if name in rig.arms else None)
+        covariance_of(noise, name, len(rig.arms[name].poses) if name in rig.arms else None)
 
 
 def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
@@ -148,22 +145,25 @@ def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[Component]:
     return [*found, Component(f"{name} {JOINT_NOISE}", "robot", SIZES[JOINT_NOISE], block=J)]
 
 
-def _by_name(rig: Rig, noise: NoiseByName) -> Mapping[str, NoiseOfOne]:
-    """Noise by names of arms and cameras, of a `PoseNoise` the same of all."""
-    if not isinstance(noise, PoseNoise):
-        return noise
-    sides = zip((noise.robot, noise.camera), (rig.arms, rig.cameras), strict=True)
-    return {name: EXACT if S is None else S for S, names in sides for name in names}
+def by_name(rig: Rig, noise: NoiseByName) -> Mapping[str, NoiseOfOne]:
+    """Return noise by names of arms and cameras, of a `PoseNoise` the same of all; raises `InputError` for others."""
+    if isinstance(noise, PoseNoise):
+        sides = zip((noise.robot, noise.camera), (rig.arms, rig.cameras), strict=True)
+        return {name: EXACT if S is None else S for S, names in sides for name in names}
+    require_type("noise", noise, Mapping, "a mapping of names of arms and cameras, or PoseNoise")
+    if unknown := [name for name in noise if name not in rig.arms and name not in rig.cameras]:
+        raise InputError(f"Expected `noise` of arms and cameras of the rig, got {unknown[0]!r}.")
+    return noise
 
 
 def plain_noise(rig: Rig, noise: NoiseByName | None) -> Json:
     """Return the given noise as plain values of a file, which `given_noise` takes; None where it is estimated."""
-    found: Json = None if noise is None else plain(_by_name(rig, noise))
+    found: Json = None if noise is None else plain(by_name(rig, noise))
     return found
 
 
-def _covariance(noise: Mapping[str, NoiseOfOne], name: str, count: int | None) -> Array:
-    """(6, 6), or (count, 6, 6)."""
+def covariance_of(noise: Mapping[str, NoiseOfOne], name: str, count: int | None) -> Array:
+    """Return the covariance (6, 6) of an arm or a camera, or (count, 6, 6) of an arm's poses."""
     if name not in noise:
         raise InputError(
             f'Expected `noise` of {name!r}, such as ("0.5mrad", "0.3mm") or "exact"; or no noise, to estimate all.'

@@ -29,9 +29,10 @@ from ..core.numbers.limits import MAX_LISTED
 from ..core.presentation.document import Answer, Badge, Block, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.html import macros
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
+from ..model.poses.estimated_pose import EstimatedPose
 from .description import WORLD
 from .graph import Graph
-from .poses import EstimatedPose, RigPoses
+from .poses import RigPoses
 
 # The headline is a caution where a larger share of the views is rejected.
 MANY_REJECTED_SHARE = 0.1

@@ -19,14 +19,12 @@ import numpy as np
 from scipy.linalg import svd
 from scipy.special import chdtrc
 
-from ..core.files.json_values import JsonObject
 from ..core.files.records import Record
-from ..core.formatting.numbers import digits
 from ..core.geometry.se3 import Array, block, inverse, skew
-from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..fit.likelihood.reference import Reference
+from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_numbers import ranges
 from ..model.posterior.posterior import Posterior
 from .checks.optimality import Optimality
@@ -39,63 +37,6 @@ from .fit import onto_closed
 MAX_CHI_SQUARE_RATIO = 10.0
 # Parts of a direction, in units of the rig, below this count as none.
 NEGLIGIBLE_PART = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class EstimatedPose(ReadOnlyArrays):
-    """A pose with its covariance: of ``xi = (theta, tau)``, left rotation, additive translation, rad and m.
-
-    ``open`` (k, 6): directions that the views leave open; the covariance is 0 along them.
-    """
-
-    name: str
-    frame: str  # such as gripper_T_camera
-    pose: Array  # (4, 4)
-    covariance: Array  # (6, 6)
-    open: Array = field(default_factory=lambda: np.zeros((0, 6)))
-    count: int = 0  # views
-
-    @property
-    def X(self) -> Array:
-        """The pose of a camera (4, 4): on its arm or in the world."""
-        return self.pose
-
-    @property
-    def W(self) -> Array:
-        """The pose of a target (4, 4)."""
-        return self.pose
-
-    @property
-    def base(self) -> Array:
-        """The base of an arm (4, 4) in the base of the first."""
-        return self.pose
-
-    @property
-    def std(self) -> Array:
-        """(6,) standard deviations, infinite where a direction is open."""
-        found = np.sqrt(np.diag(self.covariance))
-        moved = (np.abs(self.open) > 1e-9).any(axis=0) if len(self.open) else np.zeros(6, dtype=bool)
-        return np.where(moved, np.inf, found)
-
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """Root mean square length of the error: of the rotation (rad) and of the translation (m)."""
-        variances = self.std**2
-        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
-
-    @property
-    def said(self) -> tuple[str, str]:
-        """Text of the standard deviations: of the translation in mm and of the rotation in deg, or open."""
-        turn, shift = self.sizes
-        mm, deg = (digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn))))
-        return mm, deg
-
-    def to_dict(self) -> JsonObject:
-        """Plain numbers."""
-        return {
-            "frame": self.frame, "pose": self.pose.tolist(), "covariance": self.covariance.tolist(),
-            **({"open": self.open.tolist()} if len(self.open) else {}), "views": self.count,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,12 @@ from ..core.formatting.numbers import probability
 from ..errors import InputError
 from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_SD_M, Transform, with_open
+from ..model.poses.estimated_pose import EstimatedPose
 from .checks.check import RigCheck, check_rig
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
 from .plan import RigPlan, RigPoints, plan_rig, predict_points
-from .poses import EstimatedPose, RigPoses
+from .poses import RigPoses
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,34 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ..core.formatting.numbers import probability
 from ..findings import RESIDUALS, sentence
+
+# Poses with the views of their copy: name, and by which partner or since which robot pose.
+Paths = Sequence[Mapping[str, Any]]
 
 
 def _by(angle: float, shift: float) -> str:
     return f"{math.degrees(angle):.3g} deg, {1e3 * shift:.3g} mm"
 
 
-def _or(others: Sequence[str]) -> str:
-    return f" As likely: {'; '.join(others)}." if others else ""
+def path_words(name: str, by: str | None, since: str | int | None) -> str:
+    """Name a pose and the views of its copy."""
+    return f"{name}, by {by}" if by is not None else f"{name}, from robot pose {since} on"
+
+
+def _or(others: Paths) -> str:
+    words = [path_words(**one) for one in others]
+    return f" As likely: {'; '.join(words)}." if words else ""
+
+
+def _named(values: Mapping[str, Any]) -> str:
+    """Name the pose by what it is, and by its name where that says more."""
+    kind, name = values["kind"], values["name"]
+    return kind if kind == name else f"{kind} {name}"
 
 
 @sentence(
     "rig.moved",
     check=RESIDUALS,
-    phrase="the {kind} {name} moved at robot pose {since}",
-    remedy="Calibrate the views before and after the move by themselves, or give the {kind} two names.",
+    phrase=lambda values: f"the {_named(values)} moved at robot pose {values['since']}",
+    remedy=lambda values: f"Calibrate the poses before and after the move of the {_named(values)} by themselves.",
     explains=True,
+    rows=("since",),
 )
 def _(
-    kind: str, name: str, since: str, angle: float, shift: float, chi_square: float, p: float, others: Sequence[str]
+    kind: str, name: str, since: str | int, angle: float, shift: float, chi_square: float, p: float, others: Paths
 ) -> str:
+    what = _named({"kind": kind, "name": name})
     return (
-        f"The {kind} {name} did not stand still: from robot pose {since} on it is elsewhere by {_by(angle, shift)} "
-        f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Calibrate the views before and after by "
-        "themselves, or give it two names."
+        f"The {what} did not stand still: from robot pose {since} on it is elsewhere by {_by(angle, shift)} "
+        f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Calibrate the poses before and after by "
+        "themselves."
     )
 
 
@@ -40,9 +58,7 @@ def _(
     phrase="two ways to the {kind} {name} disagree",
     remedy="Look at the size of the target {by}, the intrinsics, and whether both stood still between their views.",
 )
-def _(
-    kind: str, name: str, by: str, angle: float, shift: float, chi_square: float, p: float, others: Sequence[str]
-) -> str:
+def _(kind: str, name: str, by: str, angle: float, shift: float, chi_square: float, p: float, others: Paths) -> str:
     return (
         f"The pose of the {kind} {name} with {by} and that from its other views differ by {_by(angle, shift)} "
         f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Look at the size of the target, the "

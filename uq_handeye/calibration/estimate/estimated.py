@@ -31,8 +31,9 @@ from ...methods.procrustes.scaled import octonion
 from ...methods.procrustes.scaled_sensitivity import pose_from_octonion_jacobian
 from ...model.noise.estimate import FoundComponent
 from ...model.noise.models import Noise
+from ...model.poses.estimated_pose import EstimatedPose
 from ...model.poses.motions import Motions
-from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.pose_pairs import NAMES, Names, PosePairs
 from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
 from .parts import PARTS, Errors, Named, Origin, Quality, Solution
@@ -186,6 +187,49 @@ class Estimated(Named, Record):
     def frame_W(self) -> str:
         """The frames of W, e.g. ``base_T_target``."""
         return "W" if self.setup is None else TARGETS[self.setup]
+
+    @property
+    def names(self) -> Names:
+        """What arm, camera and target are called."""
+        return NAMES if self.data is None or self.data.poses is None else self.data.poses.names
+
+    @cached_property
+    def cameras(self) -> dict[str, EstimatedPose]:
+        """The camera by its name, as of a rig of several: ``.X`` with its covariance. Empty if that is not known."""
+        return self._by_name(self.names.camera, self.frame, self.X, self.covariance)
+
+    @cached_property
+    def targets(self) -> dict[str, EstimatedPose]:
+        """The target by its name: ``.W`` with its covariance. Empty if that is not known."""
+        return self._by_name(self.names.target, self.frame_W, self.W, self.covariance_W)
+
+    @cached_property
+    def arms(self) -> dict[str, EstimatedPose]:
+        """The arm by its name: its base, which is the world and exact."""
+        arm = self.names.arm
+        return {arm: EstimatedPose(arm, f"{arm}_T_{arm}", np.eye(4), np.zeros((6, 6)))}
+
+    def _by_name(self, name: str, frame: str, pose: Array | None, covariance: Array | None) -> dict[str, EstimatedPose]:
+        if pose is None or covariance is None:
+            return {}
+        opened, none = self.opened, np.zeros((0, 6))
+        of = none if opened is None else opened.of_X if pose is self.X else opened.of_W
+        return {name: EstimatedPose(name, frame, pose, covariance, of, self.n_poses or 0)}
+
+    def relative(self, one: str, two: str) -> EstimatedPose:
+        """Return the pose of ``two`` in the frame of ``one``, which must have the same carrier.
+
+        Of one camera that is a pose in its own frame; a rig of several has others. Raises `InputError` otherwise.
+        """
+        known = (*self.names,)
+        for name in (one, two):
+            if name not in known:
+                raise InputError(f"Expected the name of one of {', '.join(known)}, got {name!r}.")
+        if one != two:
+            raise InputError(
+                f"{one!r} and {two!r} are not on one carrier, so that their relative pose is not constant."
+            )
+        return EstimatedPose(one, f"{one}_T_{one}", np.eye(4), np.zeros((6, 6)))
 
     @property
     def std(self) -> Array | None:

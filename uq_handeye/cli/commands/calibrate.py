@@ -17,7 +17,14 @@ from ..delivery import (
 from ..messages import fail, progress_wanted, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
 from ..pose_prior import pose_prior_of
-from ..rigs import calibrate_rig_files, is_rig
+from ..rigs import (
+    calibrate_rig_files,
+    is_rig_file,
+    named_camera,
+    poses_of_rig_file,
+    read_rig_file,
+    several_cameras,
+)
 from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
@@ -57,20 +64,30 @@ def calibrate_command(
     With joint values and a robot model, the kinematic errors of the robot are
     part of the covariance. Add --robot robot.csv to compare with the controller.
     """
-    given, robot = data.given, data.robot
-    if is_rig(data.files.robot, robot.cameras):
-        return calibrate_rig_files(data, asked, wishes, wanted, outputs)
+    given, robot, described = data.given, data.robot, None
+    if is_rig_file(data.files.robot):
+        described = read_rig_file(data.files)
+    if several_cameras(described, robot.cameras):
+        return calibrate_rig_files(described, data, asked, wishes, wanted, outputs)
     outputs.require_possible()
+    files, name = named_camera(data.files, robot.cameras)
+    data = replace(data, files=files)
     if data.watch is not None:
         return _watch(data, asked.options() | beforehand, wishes, wanted, outputs)
-    files, pictures, arm, sensors = data.files, data.pictures, robot.arm, None
+    pictures, arm, sensors = data.pictures, robot.arm, None
     if robot.bag is not None:
         sensors, pictures, arm = robot.bag.beside(files, pictures, arm)
     options = asked.options() | beforehand | {"prior": given.prior}
     from ...calibration.calibrate import calibrate
 
     with withheld() as shown:
-        poses, noise, shared = files.read_open(given, pictures, arm, sensors)
+        if described is None:
+            poses, noise, shared = files.read_open(given, pictures, arm, sensors)
+            poses = replace(poses, names=poses.names if name is None else poses.names._replace(camera=name))
+            options |= {} if arm is None else arm.of_calibrate
+        else:
+            poses, noise, shared, more = poses_of_rig_file(described, given)
+            options = more | {key: value for key, value in options.items() if value is not None or key not in more}
         selection = files.selection(poses)
         try:
             with timed("calibrating"):
@@ -80,7 +97,6 @@ def calibrate_command(
                     shared=shared,
                     exclude=None if selection is None else selection.excluded.tolist(),
                     **options,
-                    **({} if arm is None else arm.of_calibrate),
                 )
             result, last = data.touched.included_in(result)
             shown += [] if outputs.as_json else result.warnings

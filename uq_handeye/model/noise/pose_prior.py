@@ -60,7 +60,7 @@ class PosePrior(ReadOnlyArrays):
 
         Parameters
         ----------
-        X, W : tuple of a pose (4, 4) and a covariance (6, 6), or None
+        X, W : tuple of a pose (4, 4) and a covariance (6, 6), a prior of X, or None
             Infinity on the diagonal: that component is not known; it then has no covariances with others.
 
         Raises
@@ -154,7 +154,9 @@ def _error(at: Array, mean: Array) -> tuple[Array, Array]:
 
 
 def _mean_and_information(value: Any, name: str) -> tuple[Array, Array]:
-    """Return mean and information from a pose and a covariance with infinity where nothing is known."""
+    """Return mean and information of a prior of X, or of a pose and a covariance, infinite where nothing is known."""
+    if isinstance(value, PosePrior) and value.X is not None and value.information_X is not None:
+        return value.X, value.information_X
     try:
         mean, covariance = value
     except (TypeError, ValueError):

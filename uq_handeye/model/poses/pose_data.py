@@ -16,7 +16,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..noise.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
-from .pose_pairs import PosePairs
+from .pose_pairs import NAMES, Names, PosePairs
 from .timing import Timing
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def data_to_dict(data: PosePairs | Motions) -> JsonObject:
         **({} if timing is None else {"timing": asdict(timing) | {"rate": timing.rate.tolist()}}),
         **({} if seen is None else {"camera_calibration": _camera_to_dict(seen)}),
         **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
+        **({} if poses.names == NAMES else {"names": poses.names._asdict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
 
@@ -79,6 +80,7 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
         None if seen is None else _camera_from_dict(seen, second),
         None if joints is None else array_of(joints, (n, len(joints[0])), "data.joints"),
         None if data.get("camera_covariance") is None else JointCovariance.from_dict(data["camera_covariance"]),
+        names=Names(**{name: str(value) for name, value in data.get("names", {}).items()}),
     )
     if data.get("pairs") is None:
         return poses

@@ -67,6 +67,17 @@ class Truth(NamedTuple):
     camera: Array  # (n, 4, 4), without noise
 
 
+class Names(NamedTuple):
+    """What arm, camera and target are called, as those of a rig are."""
+
+    arm: str = "arm"
+    camera: str = "camera"
+    target: str = "target"
+
+
+NAMES = Names()
+
+
 @dataclass(frozen=True, eq=False)
 class PosePairs:
     """n pairs of poses, validated once and never changed.
@@ -94,6 +105,8 @@ class PosePairs:
         Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
     findings : tuple of Finding
         What looked wrong when the files were read; `calibrate` adds it to the findings of its result.
+    names : Names
+        What arm, camera and target are called.
 
     Raises
     ------
@@ -113,6 +126,7 @@ class PosePairs:
     joints: Array | None = None
     camera_covariance: JointCovariance | None = None
     findings: tuple[Finding, ...] = ()
+    names: Names = NAMES
 
     def __post_init__(self) -> None:
         require_one_of("setup", self.setup, SETUPS)
@@ -179,7 +193,9 @@ class PosePairs:
         seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
         joints = None if self.joints is None else self.joints[index]
         S = None if self.camera_covariance is None else self.camera_covariance.rows(of["camera"])
-        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S, self.findings)
+        return PosePairs(
+            robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S, self.findings, self.names
+        )
 
     @property
     def known_camera(self) -> JointCovariance | None:

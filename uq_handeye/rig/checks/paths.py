@@ -27,6 +27,10 @@ one with the least
 is named, with those that explain the views nearly as well. Where the residuals are larger than the noise explains even
 with the copy, the chi-squares are divided by chi-square over degrees of freedom, so that a noise that was given too
 small is not taken for a move.
+
+*A step or a wander.* Errors that change slowly (a drift, the arm's errors along a path through the workspace) make the
+chi-square of some moment large, too. A step leaves nothing: with the copy, that of every other step is small. A pose is
+named only where the largest one that is left is below `MAX_REMAINING_SHARE` of that of the step.
 """
 
 from __future__ import annotations
@@ -50,6 +54,7 @@ from ..description import Rig
 from ..fit import RigFit, Task, fit
 from ..graph import Graph
 from ..noise import RigNoise
+from ..sentences import path_words
 from ..weights import fit_robustly
 
 # A direction of a change counts where the other views give at least this share of the information.
@@ -62,6 +67,8 @@ FALSE_FINDING = UNUSUAL.probability / 10
 AS_GOOD_CHI_SQUARE = 6.0
 # Moments in a row of which most views are rejected that make a run.
 MIN_RUN = 5
+# Of the chi-square of a step that is named, the largest share that another one still has once the step is fitted.
+MAX_REMAINING_SHARE = 0.4
 # A rejected view counts as this many times the largest squared distance that chance makes.
 PENALTY = 3.0
 
@@ -103,18 +110,26 @@ class RigPath(Record):
     edges: NDArray[np.bool_] | None = None  # (E,) of the copy
 
     @property
+    def moment(self) -> str | None:
+        """Name of the first robot pose of a change in time, as text."""
+        return None if self.by is not None else str(self.since)
+
+    @property
     def words(self) -> str:
         """Name of the pose and of the views."""
-        return f"{self.name}, by {self.by}" if self.by is not None else f"{self.name}, from robot pose {self.since} on"
+        return path_words(self.name, self.by, self.moment)
 
 
 def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     """Return every path of a fit: those through pairs of camera and target, then those in time."""
-    graph = found.graph
-    white = [
+    return (*_through_pairs(found, _white(found)), *_in_time(rig, found))
+
+
+def _white(found: RigFit) -> list[Array]:
+    """Whitened A and residual of each batch (g, d, p + m + 1)."""
+    return [
         np.concatenate([part.white[..., :-1], part.half @ part.residual[..., None]], axis=-1) for part in found.rows
     ]
-    return (*_through_pairs(found, white), *_in_time(found, white, *moments_of(rig, graph)))
 
 
 def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable, ...]]:
@@ -179,9 +194,10 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     return paths
 
 
-def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names: tuple[Hashable, ...]) -> list[RigPath]:
+def _in_time(rig: Rig, found: RigFit) -> list[RigPath]:
     """Each pose from one moment on, the one of the largest chi-square."""
-    graph, paths = found.graph, []
+    graph, white, paths = found.graph, _white(found), list[RigPath]()
+    moment, names = moments_of(rig, graph)
     for u in range(graph.m):
         sums, first, of_u = [], [], np.zeros(graph.E, dtype=bool)
         for part, rows in zip(found.rows, white, strict=True):
@@ -228,6 +244,7 @@ class _Copied:
     objective: float
     change: Array
     square: float
+    remaining: float  # largest chi-square of another step in time that is left
 
 
 def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
@@ -269,7 +286,7 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
     copied.sort(key=lambda one: one.objective)
     best = copied[0]
     p = float(chdtrc(6, best.square)) * len(paths)
-    if p > FALSE_FINDING:
+    if p > FALSE_FINDING or best.remaining > MAX_REMAINING_SHARE * best.path.chi_square:
         return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD_CHI_SQUARE and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
@@ -361,7 +378,8 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     rejected = float((1.0 - weight).sum())
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
     limit = largest_by_chance(graph.E + graph.P)
-    return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale)
+    remaining = max((one.chi_square for one in _in_time(task.rig, fitted)), default=0.0)
+    return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale, remaining)
 
 
 def _finding(rig: Rig, found: RigFit, best: _Copied, p: float, others: list[RigPath]) -> Finding:
@@ -370,12 +388,12 @@ def _finding(rig: Rig, found: RigFit, best: _Copied, p: float, others: list[RigP
     values: dict[str, Any] = {
         "kind": kind, "name": path.name, "angle": float(np.linalg.norm(best.change[:3])),
         "shift": float(np.linalg.norm(best.change[3:])), "chi_square": best.square, "p": p,
-        "others": [one.words for one in others],
+        "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],
     }  # fmt: skip
     assert path.edges is not None
     counts = found.edge_weights > 0.5
     mixed = bool((counts & path.edges).any())
     severity: Severity = "failure" if mixed and p < IMPOSSIBLE.probability else "caution"
     if path.by is None:
-        return Finding("rig.moved", severity, values | {"since": str(path.since)})
+        return Finding("rig.moved", severity, values | {"since": path.moment})
     return Finding("rig.paths_disagree", "caution", values | {"by": path.by})

@@ -217,6 +217,6 @@ def views_of_files(
     for (camera, target), file in files.items():
         moving = [robot] if arm in (cameras[camera], targets[target]) else []
         views.append(view_of(camera, target, read_rows(file, "camera", **reading), moving, tolerance))
-    poses = ArmPoses(robot.poses, robot.names if robot.named else (), robot.name)
+    poses = ArmPoses(robot.poses, robot.names if robot.named else (), robot.name, timed=robot.times is not None)
     used = {target: targets[target] for _, target in files}
     return Rig({arm: poses}, {camera: cameras[camera] for camera, _ in files}, used, tuple(views))

@@ -78,11 +78,11 @@ def joint_rows(path: Any, chain: Kinematics, units: str | None, rows: PoseRows |
 
 def arm_poses(rows: PoseRows, chain: Kinematics | None, robot_class: str | None) -> ArmPoses:
     """Return the poses of an arm with its kinematics, if there is a chain."""
-    names = rows.names if rows.named else ()
+    names, timed = rows.names if rows.named else (), rows.times is not None
     if chain is None:
-        return ArmPoses(rows.poses, names, rows.name)
+        return ArmPoses(rows.poses, names, rows.name, timed=timed)
     poses = None if rows.by_joints else rows.poses
-    return ArmPoses.by_kinematics(chain, poses, rows.joints, names, rows.name, robot_class)
+    return ArmPoses.by_kinematics(chain, poses, rows.joints, names, rows.name, robot_class, timed)
 
 
 # ------------------------------------------------------------------------------------------- corners

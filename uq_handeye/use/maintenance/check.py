@@ -29,6 +29,7 @@ from ...model.posterior.owners import ROBOT, THINGS, others_by_pictures
 from ...rig.checks.check import RigCheck, check_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
+from ...rig.single import poses_like
 from . import check_text as check_text  # registers the text of a result
 from .causes import (
     CAMERA_MOVED,
@@ -118,6 +119,8 @@ def check(  # type: ignore[misc]
         require_left_out("of a rig", noise=noise, joints=joints)
         limits = None if accepted is None else (accepted.translation, accepted.rotation)
         return check_rig(result, poses, level=level, tolerance=limits, same=None if same is THINGS else same)
+    if isinstance(poses, Rig):
+        poses = poses_like(poses, result.names)
     evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
     reference = evidence.test.reference

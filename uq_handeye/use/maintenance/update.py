@@ -48,6 +48,7 @@ from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
+from ...rig.single import poses_like
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
 from .misread import MISREAD
@@ -113,6 +114,8 @@ def update(  # type: ignore[misc]
         require_left_out("of a rig", noise=noise, joints=joints, same=None if same is THINGS else same)
         return update_rig(result, poses, although_changed=although_changed)
     require_type("result", result, Calibration, "a Calibration")
+    if isinstance(poses, Rig):
+        poses = poses_like(poses, result.names)
     require_type("poses", poses, PosePairs, "PosePairs")
     require_type("noise", noise, (PoseNoise, type(None)), "PoseNoise or None")
     if result.setup is None:
