@@ -57,7 +57,7 @@ NAMED = {
 }
 MADE = {"float": 0.25, "int": 3, "str": "text", "bool": True, "Sequence[float]": [0.6, 0.0, 0.8],
         "Sequence[int]": [1, 2, 5], "Sequence[str]": ["x", "y"], "list[str]": ["x", "y"],
-        "Paths": [{"name": "board", "by": None, "since": "21"}, {"name": "left", "by": "tag", "since": None}]}  # fmt: skip
+        "Paths": [{"name": "board", "by": None, "since": "21"}]}  # fmt: skip
 
 
 def values_of(code):

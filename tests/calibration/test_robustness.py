@@ -273,13 +273,14 @@ def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
         quietly(with_wrong(uq.simulate(30, noise=NOISE, seed=SEED), 3, 2.0))
 
 
-def test_halves_that_contradict_each_other_are_a_warning(poses):
+def test_halves_that_contradict_each_other_are_found_and_their_cause_is_named():
     noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.2mrad", "0.2mm"))
     clean = uq.simulate(40, noise=noise, seed=[SEED, 9])
     X, camera = clean.truth.X, clean.camera.copy()
     camera[20:] = np.linalg.inv(moved(X, np.array([0, 0, 0, 0, 0, 2e-3]))) @ X @ camera[20:]  # slips in its bracket
     found = quietly(uq.PosePairs(clean.robot, camera), noise=noise)
-    assert found.split_in_time.p_value < 1e-3 and found.split_in_time.sentence in found.warnings
+    assert found.split_in_time.p_value < 1e-3 and found.split_in_time.finding.severity == "caution"
+    assert "The camera did not stand still: from robot pose 20" in found.warnings[0] and not found.usable
     assert found.split_in_time is found.analysis.split_in_time
     whole = quietly(clean, noise=noise)
     assert whole.split_half.possible and not any("two halves" in text for text in whole.warnings)
