@@ -71,7 +71,7 @@ def test_what_comes_through_a_pipe_is_read_to_its_end(tmp_path, pipe):
 
 
 def test_a_writer_that_falls_silent_is_given_up(pipe, monkeypatch):
-    monkeypatch.setattr(files_open, "MAX_PIPE_PAUSE_S", 0.1)
+    monkeypatch.setattr(files_open, "MAX_WAIT_S", 0.1)
     finish = threading.Event()
     writer, opened = feed(pipe, b"timestamp,x,y,z,qx,qy,qz,qw\n", finish=finish)
     try:

@@ -64,7 +64,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_a_scheduler_that_is_not_there(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(executors, "CLUSTER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(executors, "MAX_WAIT_S", 0.5)
     words = r"Cannot reach the Dask scheduler 'tcp://127\.0\.0\.1:9'"
     with pytest.raises(InputError, match=words), connect_to_dask("tcp://127.0.0.1:9"):
         pass

@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from ..core.files.lines import floats
+from ..core.numbers.limits import MAX_PLAIN_LENGTH_M
 from ..errors import InputError
 
 
@@ -74,7 +75,7 @@ def coordinates(text: str, name: str) -> list[float]:
     if len(parts) != 3:
         raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
     values = [metres(part, name) for part in parts]
-    if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
+    if not (far := max(map(abs, values))) <= MAX_PLAIN_LENGTH_M or not all(map(math.isfinite, values)):
         raise InputError(f"{name} {text}: {far:g} m is too far. Write the unit, e.g. 0mm,0mm,300mm.")
     return values
 

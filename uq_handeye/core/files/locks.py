@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError
 from .atomic import require_writable_file
 from .open import StrPath, as_path, shown
@@ -95,7 +96,7 @@ def _taken(lock: Path) -> int | None:
 
 
 @contextmanager
-def held(path: StrPath, patience: float = 60.0) -> Iterator[None]:
+def held(path: StrPath, patience: float = MAX_WAIT_S) -> Iterator[None]:
     """Hold the lock of a file that is read and written back within the block; wait for another holder.
 
     Raises `InputError` where the file cannot be written, and where another process holds it for longer than

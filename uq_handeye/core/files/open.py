@@ -13,13 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError
 from ..numbers.limits import MAX_NAME_CHARACTERS
 
 StrPath = str | os.PathLike[str]
-
-# Pause of the writer of a pipe (s) after which it is not waited for.
-MAX_PIPE_PAUSE_S = 60
 
 
 def as_path(path: StrPath) -> Path:
@@ -93,9 +91,9 @@ class _Pipe(io.RawIOBase):
                 data = os.read(self.descriptor, len(buffer))
                 break
             except BlockingIOError:
-                if not select.select([self.descriptor], [], [], MAX_PIPE_PAUSE_S)[0]:
+                if not select.select([self.descriptor], [], [], MAX_WAIT_S)[0]:
                     raise InputError(
-                        f"Cannot read {shown(self.path)}: nothing came through this pipe for {MAX_PIPE_PAUSE_S} s."
+                        f"Cannot read {shown(self.path)}: nothing came through this pipe for {MAX_WAIT_S} s."
                     ) from None
         if not data and not self.size:
             raise InputError(f"Cannot read {shown(self.path)}: no process writes to this pipe.")

@@ -21,6 +21,10 @@ MAX_ROWS = 10_000_000
 # Characters of a line, of a name, and of a part of a file that a message quotes.
 MAX_LINE_CHARACTERS = 10_000
 MAX_NAME_CHARACTERS = 200
+# Lengths (m) of a cell without a unit; larger ones are in another unit, as millimetres.
+MAX_PLAIN_LENGTH_M = 10.0
+# Seconds to wait for another program: what writes a pipe or holds a lock, a cluster, a browser.
+MAX_WAIT_S = 120
 # Entries that a sentence names before "and n more", and rows that a printed table has.
 MAX_NAMED = 6
 MAX_LISTED = 12

@@ -47,7 +47,7 @@ STYLES: tuple[tuple[str, Any], ...] = (
     (BLUE, "-."),
     (GREEN, (0, (6, 1, 1, 1, 1, 1))),
 )
-WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
+LINE_WIDTH = 1.6  # of the 1 sigma ellipse; larger ellipses are thinner
 
 PREFIXES = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
 
@@ -208,7 +208,8 @@ def _draw(axis: Axes, i: int, j: int, covariances: Mapping[str, Array], points: 
     for number, (S, (colour, style)) in enumerate(zip(covariances.values(), STYLES, strict=False)):
         s = np.sqrt(np.diag(S))[[i, j]]
         rho, (x, y) = correlation(S, i, j), ellipse(S, i, j, 1 / scale)
-        for level, width in zip(LEVELS, WIDTHS, strict=True):
+        for level in LEVELS:
+            width = LINE_WIDTH / np.sqrt(level)
             axis.plot(level * x, level * y, color=colour, linestyle=style, linewidth=width, zorder=3 + number)
         if number == 0:
             value = "undefined" if rho is None else f"= {round(rho, 3) + 0.0:+.3f}".replace("-", "\N{MINUS SIGN}")
@@ -231,7 +232,7 @@ def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, pos
     """Explain what the lines mean, what the ellipses hold, and where the origin is."""
     handles: list[Any] = []
     for name, (colour, style) in zip(covariances, STYLES, strict=False):
-        handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=WIDTHS[0], label=name))
+        handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=LINE_WIDTH, label=name))
     if samples:
         handles.append(Line2D([], [], marker=".", linestyle="", color="0.65", markersize=5, label="samples"))
     position = ", ".join(f"{1e3 * x:.3f}" for x in pose[:3, 3])

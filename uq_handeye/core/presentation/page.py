@@ -23,6 +23,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ..._version import __version__
+from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError, MissingExtraError
 from ..files.atomic import require_writable_file, write_atomically
 from .document import Drawing, Section
@@ -47,8 +48,6 @@ FLAGS = (
     "--disable-dev-shm-usage",
 )
 PAPERS = ("a4", "letter")
-# Time that a browser may take.
-BROWSER_TIMEOUT_S = 120
 
 
 @dataclass(frozen=True)
@@ -254,7 +253,7 @@ def _by_browser(html: str, browser: str) -> bytes:
             page.as_uri(),
         ]  # fmt: skip
         try:
-            subprocess.run(command, capture_output=True, timeout=BROWSER_TIMEOUT_S, check=True)
+            subprocess.run(command, capture_output=True, timeout=MAX_WAIT_S, check=True)
             return pdf.read_bytes()
         except (OSError, subprocess.SubprocessError) as error:
             reason = getattr(error, "strerror", None) or type(error).__name__

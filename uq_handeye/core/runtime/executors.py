@@ -16,10 +16,9 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType, TracebackType
 from typing import Any
 
+from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError, MissingExtraError
 
-# Seconds to reach a Dask scheduler, and again until it has a worker.
-CLUSTER_TIMEOUT_S = 30.0
 # Processes that one pool can wait for.
 MAX_WORKERS = 61 if sys.platform == "win32" else 10_000
 
@@ -128,12 +127,12 @@ def connect_to_dask(address: str) -> Iterator[tuple[Executor, int]]:
     """
     distributed = _distributed()
     try:
-        client = distributed.Client(address, timeout=CLUSTER_TIMEOUT_S, set_as_default=False)
+        client = distributed.Client(address, timeout=MAX_WAIT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"Cannot reach the Dask scheduler {address!r}: {error}") from error
     try:
         try:
-            client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT_S)
+            client.wait_for_workers(1, timeout=MAX_WAIT_S)
         except TimeoutError as error:
             raise InputError("The Dask scheduler has no workers; start some with `dask worker ADDRESS`.") from error
         yield client.get_executor(pure=False), sum(client.ncores().values())

@@ -19,15 +19,13 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, in_order, name_and_unit, read_table, rows_are_numbers
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.numbers.limits import MAX_PLAIN_LENGTH_M, MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.contents import require_units
 from .corners import Corners
 
 COLUMNS = ("row", "x", "y", "z", "u", "v")
 HEADER = ",".join(COLUMNS)
-# Points farther apart are on no board: they are in another unit.
-MAX_BOARD_SPAN_M = 10.0
 _log = logging.getLogger("uq_handeye")
 
 
@@ -81,7 +79,7 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
         corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
-    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > MAX_BOARD_SPAN_M:
+    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > MAX_PLAIN_LENGTH_M:
         warnings.warn(
             f"{name}: their points span {span:.3g} m, more than a board does: they look like millimetres. Read them "
             'with units="mm" (--units mm).',

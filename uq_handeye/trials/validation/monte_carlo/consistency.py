@@ -42,6 +42,7 @@ from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammainc
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
+from ....core.numbers.levels import DOUBTFUL
 from ....core.numbers.rounding import SOLUTION_ROUNDING, TINY
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
@@ -197,7 +198,9 @@ class Consistency(ReadOnlyArrays):
         return abs(self.size) + 2 * self.size_error < HARMLESS_SD_ERROR and np.abs(self.coverage - LEVELS).max() < 0.01
 
 
-def consistency(sums: Sums, predicted: ArrayLike | None, confidence: float = 0.99, *, own: bool = False) -> Consistency:
+def consistency(
+    sums: Sums, predicted: ArrayLike | None, confidence: float = 1.0 - DOUBTFUL.probability, *, own: bool = False
+) -> Consistency:
     """Judge a covariance by the errors of trials.
 
     Parameters

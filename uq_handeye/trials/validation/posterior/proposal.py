@@ -140,16 +140,16 @@ def around_maxima(density: LogDensity, starts: Array) -> Proposal:
     return Proposal(location, factor, weight / weight.sum())
 
 
-def fitted(y: Array, before: Proposal, min_per_coordinate: int = 20) -> Proposal:
+def fitted(y: Array, before: Proposal) -> Proposal:
     """The proposal with means and covariances of samples (count, d), each counted to the nearest maximum of ``before``.
 
-    A component stays as it was where it has fewer samples than ``min_per_coordinate`` for each of the d coordinates.
+    A component stays as it was where it has fewer than d (d + 1) samples, twice the numbers of its covariance.
     """
     nearest = np.argmin(before.squares(y), axis=0)
     location, factor = before.location.copy(), before.factor.copy()
     for k in range(len(before.weight)):
         own = y[nearest == k]
-        if len(own) < min_per_coordinate * y.shape[1]:
+        if len(own) < y.shape[1] * (y.shape[1] + 1):
             continue
         try:
             factor[k] = np.linalg.cholesky(np.atleast_2d(np.cov(own.T)))
