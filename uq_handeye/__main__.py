@@ -14,7 +14,7 @@ def main() -> None:
     """
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):  # before NumPy is loaded
         os.environ.setdefault(variable, "1")
-    gc.set_threshold(100_000)
+    gc.set_threshold(1_000_000)
     try:
         from .cli.app import main as run
 
