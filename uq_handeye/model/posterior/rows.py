@@ -38,10 +38,14 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import chdtrc, chdtri, chndtr
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING, SOLUTION_ROUNDING, TINY
+from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ..noise.cholesky import checked_cholesky, substitute
 from ..noise.joint_covariance import JointFactor
+
+# Added to the diagonal of a covariance scaled to ones before its Cholesky factor is computed, and the least eigenvalue
+# where even so it has none.
+RIDGE_OF_COVARIANCE = 1e-13
 
 
 class Joint(Protocol):
@@ -326,14 +330,14 @@ def _worst(information: Array, noncentrality: float) -> float:
 
 
 def factor_of(P: Array) -> Array:
-    """L, lower triangular, with ``P = L L^T``; what is negative by rounding counts as `PRODUCT_ROUNDING`."""
+    """L, lower triangular, with ``P = L L^T``; what is negative by rounding counts as `RIDGE_OF_COVARIANCE`."""
     scale = np.sqrt(np.maximum(np.diag(P), TINY))
     scaled = P / np.outer(scale, scale)
     try:
-        return np.asarray(scale[:, None] * np.linalg.cholesky(scaled + PRODUCT_ROUNDING * np.eye(len(P))))
+        return np.asarray(scale[:, None] * np.linalg.cholesky(scaled + RIDGE_OF_COVARIANCE * np.eye(len(P))))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
-        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, PRODUCT_ROUNDING))).T)[1]
+        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, RIDGE_OF_COVARIANCE))).T)[1]
         return np.asarray(scale[:, None] * (R.T * np.where(np.diag(R) < 0, -1.0, 1.0)))
 
 
