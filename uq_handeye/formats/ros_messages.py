@@ -4,8 +4,9 @@ Fields as in ros/common_msgs and ros2/common_interfaces (``geometry_msgs/msg``: 
 PoseWithCovarianceStamped, TransformStamped; ``nav_msgs/msg/Odometry``), ros2/geometry2 (``tf2_msgs/msg/TFMessage``),
 AprilRobotics/apriltag_ros (``AprilTagDetectionArray``, with poses), pal-robotics/aruco_ros
 (``aruco_msgs/MarkerArray``), JMU-ROBOTICS-VIVA/ros2_aruco (``ArucoMarkers``) and fictionlab/ros_aruco_opencv
-(``ArucoDetection``, with boards by their names). Metres; quaternions by the names x, y, z, w. A pose is that of the
-child in the frame of the header: ``parent_T_child``.
+(``ArucoDetection``, with boards by their names); foxglove/foxglove-sdk (FrameTransform, FrameTransforms, PoseInFrame,
+PosesInFrame, Odometry), whose time and frame are fields of the message itself, without a header. Metres; quaternions by
+the names x, y, z, w. A pose is that of the child in the frame of the header: ``parent_T_child``.
 """
 
 from __future__ import annotations
@@ -14,9 +15,14 @@ from typing import Any, NamedTuple, TypeAlias
 
 from ..core.files.tree_values import is_map
 from ..core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
+from .columns import seconds_of
 
 # A message or part of one: nested dicts of a text, or an object of rclpy, rospy or rosbags: no type is common to them.
 Message: TypeAlias = Any
+
+
+# Fields that name the child of a pose: of ROS, and of Foxglove's Odometry.
+CHILD_FRAMES = ("child_frame_id", "body_frame_id")
 
 
 class Stamped(NamedTuple):
@@ -60,12 +66,24 @@ def part(value: Message, name: str) -> Message:
 
 def stamp_of(header: Message) -> float | None:
     """Return the time of a header in seconds, or None if it has none."""
-    stamp = part(header, "stamp")
-    for names in (("sec", "nanosec"), ("secs", "nsecs")):
+    return _seconds(part(header, "stamp"))
+
+
+def _seconds(stamp: Message) -> float | None:
+    """Return a time in seconds: of ROS 2, of ROS 1, of Foxglove in JSON, of Protocol Buffers, or as a text."""
+    for names in (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("seconds", "nanos")):
         whole, rest = (part(stamp, name) for name in names)
         if whole is not None and rest is not None:
             return number(whole, "stamp") + 1e-9 * number(rest, "stamp")
-    return None
+    return seconds_of(stamp) if isinstance(stamp, str) else None
+
+
+def when_and_where(message: Message) -> tuple[float | None, str]:
+    """Return the time of a message (s; None without a stamp) and its frame, by its header or by its own fields."""
+    if (header := part(message, "header")) is not None:
+        return stamp_of(header), frame_name(part(header, "frame_id"))
+    frame = part(message, "parent_frame_id")
+    return _seconds(part(message, "timestamp")), frame_name(part(message, "frame_id") if frame is None else frame)
 
 
 def number(value: Message, name: str) -> float:
@@ -86,10 +104,11 @@ def poses_in(message: Message) -> list[Stamped]:
 
 def _poses(value: Message, time: float | None, parent: str, child: str) -> list[Stamped] | None:
     """Return the poses of a message or of a part of it; None if it is none that is known."""
-    header = part(value, "header")
-    if header is not None:
-        time, parent = stamp_of(header), frame_name(part(header, "frame_id")) or parent
-    named = part(value, "child_frame_id")
+    own_time, own_parent = when_and_where(value)
+    if part(value, "header") is not None or own_time is not None:
+        time = own_time
+    parent = own_parent or parent
+    named = next((name for key in CHILD_FRAMES if (name := part(value, key)) is not None), None)
     child = child if named is None else frame_name(named)
     if part(value, "translation") is not None and part(value, "rotation") is not None:
         return [_numbers(value, ("translation", "rotation"), time, parent, child)]

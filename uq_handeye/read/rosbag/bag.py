@@ -1,8 +1,8 @@
-"""A bag opened for reading: ROS 1 ``.bag``; ROS 2 folders, ``.db3`` and ``.mcap``. ROS is not needed.
+"""A bag opened for reading: ROS 1 ``.bag``; ROS 2 folders and ``.db3``; ``.mcap`` of any recorder. ROS is not needed.
 
-The package rosbags reads all of them. Guards around it keep a damaged or hostile file from causing a traceback or
-filling memory: every failure is one line that names the file, messages are bounded in size, decompression as well
-(`decompression`), and MCAP files without an end are read as far as they go (`cut_off_mcap`).
+The package rosbags reads bags of ROS, `mcap` single MCAP files. Guards around them keep a damaged or hostile file from
+causing a traceback or filling memory: every failure is one line that names the file, messages are bounded in size, and
+so is decompression (`decompression`).
 """
 
 from __future__ import annotations
@@ -15,21 +15,25 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ...core.files.one_line import one_line, refused
 from ...core.files.open import reason, require_size, shown
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
-from .cut_off_mcap import MCAP_MAGIC, completed
-from .decompression import bound_the_reader
-from .message_types import RosMessage, Types, kind_of
+from .decompression import TooLarge, bound_the_reader
+from .mcap import MCAP_MAGIC, McapChannel, McapError, McapFile
+from .message_types import Decoder, NotRead, RosMessage, Types, kind_of, type_name
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader as Ros2Reader
+
+# A topic of a bag as its reader has it, and what tells it from others.
+AnyConnection: TypeAlias = "Connection | McapChannel"
+Key: TypeAlias = tuple[int, str, str]
 
 # The first bytes of each kind of bag, by its suffix, and of a compressed file.
 MAGIC = {".bag": b"#ROSBAG", ".mcap": MCAP_MAGIC, ".db3": b"SQLite format 3\0"}
@@ -70,29 +74,30 @@ class Topic:
 class Bag:
     """A bag that is open."""
 
-    def __init__(self, reader: Ros1Reader | Ros2Reader, name: str, ros2: bool, in_folder: bool) -> None:
+    def __init__(self, reader: Ros1Reader | Ros2Reader | McapFile, name: str, ros2: bool, in_folder: bool) -> None:
         self.reader, self.name = reader, name
         self.in_folder = in_folder  # a file of a folder that has metadata.yaml
         self.types = Types(ros2)
-        self.read: Callable[[list[Connection]], Iterator[tuple[Connection, int, bytes]]] = reader.messages
+        self.decoders: dict[Key, Decoder] = {}
+        self.read: Callable[..., Iterator[tuple[AnyConnection, int, bytes]]] = reader.messages
         self.duration = max(0.0, 1e-9 * (reader.end_time - reader.start_time)) if reader.message_count else 0.0
         self.topics = [self._topic(one) for one in reader.connections]
 
-    def _topic(self, one: Connection) -> Topic:
-        kind, problem = kind_of(one.msgtype), ""
-        if kind is not None:
-            try:
-                if not self.types.require(one.msgtype, one.msgdef):
-                    kind, problem = None, "no definition of its type in the bag"
-            except Exception as error:  # of a library, by a file from anywhere
-                kind, problem = None, one_line(f"definition of its type: {error}")
-        return Topic(printed_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
+    def _topic(self, one: AnyConnection) -> Topic:
+        msgtype, problem = type_name(one.msgtype), ""
+        kind = kind_of(msgtype)
+        try:
+            if kind is not None or (isinstance(one, McapChannel) and not one.msgtype):
+                self.decoders[_key(one)] = self.types.decoder(one)
+        except NotRead as error:
+            kind, problem = None, str(error)
+        except Exception as error:  # of a library, by a file from anywhere
+            kind, problem = None, one_line(f"definition of its type: {error}")
+        return Topic(printed_name(one.topic), printed_name(msgtype) or "no type", int(one.msgcount), kind, problem)
 
     def messages(self, cut: Callable[[str], None]) -> Iterator[Message]:
         """Yield the messages that are read; of a bag that is damaged behind some of them, ``cut`` hears why."""
-        kinds = {(one.name, one.msgtype): one.kind for one in self.topics}
-        topics = {one.topic: printed_name(one.topic) for one in self.reader.connections}
-        wanted = [one for one in self.reader.connections if kinds[(topics[one.topic], one.msgtype)]]
+        wanted = [one for one in self.reader.connections if _key(one) in self.decoders]
         if not wanted:
             return
         found, count = self.read(wanted), 0
@@ -103,15 +108,20 @@ class Bag:
                 one, time, data = message
                 if len(data) > MAX_DESCRIPTION_BYTES:  # a message that is read has some kilobytes
                     continue
-                value = self.types.decode(data, one.msgtype)
+                value = self.decoders[_key(one)](data)
             except Exception as error:  # of a library, by a file from anywhere
                 if not count:
                     raise InputError(f"{_unreadable(self.name, self.in_folder, error)}.") from error
                 cut(f"the bag is damaged behind {count} messages, and the rest is left out ({_words(error)})")
                 return
             count += 1
-            topic = topics[one.topic]
-            yield Message(topic, kinds[(topic, one.msgtype)] or "", value, 1e-9 * time, bytes(data))
+            yield Message(
+                printed_name(one.topic), kind_of(type_name(one.msgtype)) or "", value, 1e-9 * time, bytes(data)
+            )
+
+
+def _key(one: AnyConnection) -> Key:
+    return one.id, one.topic, one.msgtype
 
 
 def is_bag(path: Path) -> bool:
@@ -127,26 +137,27 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     try:
         import rosbags.rosbag1
         import rosbags.rosbag2
-        from rosbags.rosbag2.storage_mcap import McapReader
     except ImportError as error:
         raise MissingExtraError(
             f"Reading the bag {name} needs rosbags: pip install '.[rosbag]' in the clone of uq-handeye. ROS is not "
             "needed."
         ) from error
     bound_the_reader()
-    ros2 = path.suffix.lower() != ".bag"
+    suffix = path.suffix.lower()
     in_folder = path.is_file() and (path.parent / "metadata.yaml").exists()
     system = (OSError, lambda error: f"Cannot read {name}: {reason(error)}")
+    reader: Ros1Reader | Ros2Reader | McapFile
     with refused("", (system, (Exception, partial(_unreadable, name, in_folder)))):
-        whole = completed(path) if path.is_file() and path.suffix.lower() == ".mcap" else None
-        reader = rosbags.rosbag2.Reader(whole or path) if ros2 else rosbags.rosbag1.Reader(path)
-        reader.open()
-        bag = Bag(reader, name, ros2, in_folder)
-        if whole is not None and isinstance(reader, rosbags.rosbag2.Reader):
-            storage = reader.storage
-            assert isinstance(storage, McapReader)
-            bag.read = storage.messages_scan  # in the order of the file, without an index
-            warnings.warn(f"{name}: the file was cut off; what is complete before the cut is read.", InputWarning, 3)
+        if path.is_file() and suffix == ".mcap":
+            reader = McapFile(path)
+            if reader.cut:
+                warnings.warn(
+                    f"{name}: the file was cut off; what is complete before the cut is read.", InputWarning, 3
+                )
+        else:
+            reader = rosbags.rosbag1.Reader(path) if suffix == ".bag" else rosbags.rosbag2.Reader(path)
+            reader.open()
+        bag = Bag(reader, name, suffix != ".bag", in_folder)
     try:
         yield bag
     finally:
@@ -199,6 +210,8 @@ def _require_bag(path: Path, name: str) -> None:
 
 
 def _unreadable(name: str, in_folder: bool, error: BaseException) -> str:
+    if isinstance(error, McapError | TooLarge):
+        return f"{name}: not a bag that can be read ({_words(error)}); mcap doctor says more of it"
     hint = "a bag that was cut off is mended by rosbag reindex, ros2 bag reindex or mcap recover"
     if in_folder:
         hint = f"a compressed bag is read by its folder, which has metadata.yaml; {hint}"

@@ -1,4 +1,4 @@
-"""Intrinsics of a camera as the message ``sensor_msgs/CameraInfo`` has them.
+"""Intrinsics of a camera as the messages ``sensor_msgs/CameraInfo`` and ``foxglove.CameraCalibration`` have them.
 
 Fields of ROS 1 (K, D, P) and ROS 2 (k, d, p) as in ``sensor_msgs/msg/CameraInfo.msg`` of ros2/common_interfaces: K and
 D are of the picture as taken, P of the rectified one, in which no distortion is left.
@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formats.ros_messages import MessageError, frame_name, part
+from ...formats.ros_messages import MessageError, part, when_and_where
 from ...model.camera.models import LINEAR, MODELS, CameraModel
 from .message_types import RosMessage
 
@@ -22,6 +22,7 @@ NAMES = {
     "rational_polynomial": "brown",
     "fisheye": "fisheye",
     "equidistant": "fisheye",
+    "kannala_brandt": "fisheye",
     "": "brown",
 }
 
@@ -88,7 +89,7 @@ def camera_info_of(message: RosMessage) -> CameraInfo:
         raise MessageError("a camera matrix")
     P = P if P.size == 12 and np.isfinite(P).all() else np.zeros(12)
     size = int(part(message, "width") or 0), int(part(message, "height") or 0)
-    frame = frame_name(part(part(message, "header"), "frame_id"))
+    frame = when_and_where(message)[1]
     model = str(part(message, "distortion_model") or "")
     return CameraInfo(frame, size, model, K[[0, 4, 2, 5]], D, P[[0, 5, 2, 6]])
 

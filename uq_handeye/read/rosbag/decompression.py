@@ -83,20 +83,30 @@ class _Bounded(io.RawIOBase):
 
 
 @cache
+def decompressors() -> dict[str, Callable[..., bytes]]:
+    """Return the decompressors of chunks by the names that MCAP gives them."""
+    import lz4.frame  # type: ignore[import-untyped]
+    from rosbags.rosbag2 import storage_mcap
+
+    zstd = vars(storage_mcap)["zstd"]
+    of_zstd, of_lz4 = partial(unpacked, zstd.ZstdDecompressor), partial(unpacked, lz4.frame.LZ4FrameDecompressor)
+    return {"": lambda data, *_: bytes(data), "zstd": of_zstd, "lz4": of_lz4}
+
+
+@cache
 def bound_the_reader() -> None:
     """Replace the decompressors of rosbags."""
-    import lz4.frame  # type: ignore[import-untyped]
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import reader as ros2
     from rosbags.rosbag2 import storage_mcap
 
     zstd = vars(storage_mcap)["zstd"]
-    of_zstd, of_lz4 = partial(unpacked, zstd.ZstdDecompressor), partial(unpacked, lz4.frame.LZ4FrameDecompressor)
+    of = decompressors()
 
     def opened(file: BinaryIO, mode: str) -> _Bounded:
         size = os.fstat(file.fileno()).st_size
         return _Bounded(zstd.open(file, mode), max(MAX_TABLE_BYTES, MAX_COMPRESSION_RATIO * size))
 
-    ros1.decompressors.update(bz2=partial(unpacked, bz2.BZ2Decompressor), lz4=of_lz4)
-    storage_mcap.DECOMPRESSORS.update(zstd=of_zstd, lz4=of_lz4)
-    setattr(ros2, "zstd", SimpleNamespace(decompress=of_zstd, open=opened))  # noqa: B010
+    ros1.decompressors.update(bz2=partial(unpacked, bz2.BZ2Decompressor), lz4=of["lz4"])
+    storage_mcap.DECOMPRESSORS.update(zstd=of["zstd"], lz4=of["lz4"])
+    setattr(ros2, "zstd", SimpleNamespace(decompress=of["zstd"], open=opened))  # noqa: B010

@@ -13,7 +13,7 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
 from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
-from ...formats.ros_messages import MessageError, frame_name, pair_text, part, poses_in, printed_name, stamp_of
+from ...formats.ros_messages import MessageError, number, pair_text, part, poses_in, printed_name, when_and_where
 from ...formats.ros_topic import is_ros_topic, records_of
 from .bag import HINT, Bag, Message, Topic, is_bag, opened_bag
 from .camera_info import CameraInfo, camera_info_of
@@ -64,7 +64,7 @@ def read_recording(paths: StrPath | Iterable[StrPath]) -> Recording:
     Parameters
     ----------
     paths : path or several
-        ``.bag`` of ROS 1; of ROS 2 the folder, ``.mcap`` or ``.db3``; or texts of ``ros2 topic echo``.
+        ``.bag`` of ROS 1; of ROS 2 the folder or ``.db3``; ``.mcap`` of ROS or Foxglove; texts of ``ros2 topic echo``.
 
     Raises
     ------
@@ -174,8 +174,7 @@ class _Reader:
             track.add(self._at(message, record.time), record.numbers)
 
     def _tags(self, message: Message) -> None:
-        header = part(message.value, "header")
-        time, frame = stamp_of(header), frame_name(part(header, "frame_id"))
+        time, frame = when_and_where(message.value)
         corners = corners_in(message.value)
         if corners is None:
             self._poses(message)
@@ -188,17 +187,23 @@ class _Reader:
             tags.setdefault((frame, name), TagTrack(f"{message.topic} ({pair_text(frame, name)})")).add(at, pixels)
 
     def _joints(self, message: Message) -> None:
-        at = self._at(message, stamp_of(part(message.value, "header")))
-        names = [printed_name(str(name)) for name in part(message.value, "name")]
-        values = [float(value) for value in part(message.value, "position")]
-        if len(names) != len(values) or not names:
+        at = self._at(message, when_and_where(message.value)[0])
+        joints = part(message.value, "joints")
+        if joints is None:
+            given, positions = part(message.value, "name"), part(message.value, "position")
+        else:  # of Foxglove: a message for each, which may lack its position
+            moved = [one for one in joints if part(one, "position") is not None]
+            given, positions = ([part(one, name) for one in moved] for name in ("name", "position"))
+        if given is None or positions is None or len(given) != len(positions) or not len(given):
             raise MessageError("as many positions as names of joints")
+        names = [printed_name(str(name)) for name in given]
+        values = [number(value, "position") for value in positions]
         if len(set(names)) < len(names):
             raise MessageError("each joint once")
         self.found.joints.setdefault(message.topic, JointTopic()).add(at, names, values)
 
     def _info(self, message: Message) -> None:
-        self._at(message, stamp_of(part(message.value, "header")))
+        self._at(message, when_and_where(message.value)[0])
         info = camera_info_of(message.value)
         before = self.found.infos.setdefault(message.topic, info)
         if not before.like(info):

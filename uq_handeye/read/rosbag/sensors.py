@@ -65,12 +65,11 @@ class Sensors:
         if len(self.recorded) < 2 or self.still or min(len(r), len(c)) < MIN_POSES:
             return None
         interval = float(min(np.median(np.diff(times)) for times in (r, c)))
-        sides = [Side(role, s.poses[:, :3, 3], s.poses[:, :3, :3], s.timestamps) for role, s in self._streams]
         tolerance = MAX_STAMP_SHARE * interval if interval > MAX_INTERVAL_S else SYNCHRONOUS_S
         if interval < MIN_INTERVAL_S:
             return None
         try:
-            match = match_times(*sides, tolerance)
+            match = match_times(_side("robot", self.robot), _side("camera", self.camera), tolerance)
         except InputError:
             return None
         if 2 * len(match.robot) < min(len(r), len(c)) or (
@@ -88,10 +87,6 @@ class Sensors:
             "" if late <= SYNCHRONOUS_S else "; that is right if the robot stood still",
         )
         return self._decided(self._pairs(match, setup), match, setup)
-
-    @property
-    def _streams(self) -> tuple[tuple[str, Stream], tuple[str, Stream]]:
-        return ("robot", self.robot), ("camera", self.camera)
 
     def _tracked(self, setup: str, interval: float) -> bool:
         """Return whether the motion between poses of equal stamps tells the offset of their clocks."""
@@ -168,3 +163,8 @@ class Sensors:
                 )
             return found
         raise failures[0]
+
+
+def _side(role: str, stream: Stream) -> Side:
+    """Return the poses of a stream as those of a file."""
+    return Side(role, stream.poses[:, :3, 3], stream.poses[:, :3, :3], stream.timestamps)

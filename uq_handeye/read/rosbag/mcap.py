@@ -1,0 +1,272 @@
+"""MCAP files of any recorder: the channels with their types, and their messages in the order of the file.
+
+Format (https://mcap.dev/spec): records follow one another, each an opcode (1 byte), a length (8 bytes, little endian)
+and the content. A chunk is a record that holds records, compressed or not. A summary at the end, which recorders may
+leave out, repeats types and channels, counts the messages, and says which channels each chunk has.
+
+A file that was cut off, as by a crash of the recorder, is read up to its last complete record; those of a chunk that
+was cut off are recovered if it is not compressed. Records are bounded by the file, and what chunks unpack to by
+`MAX_CHUNK_BYTES`.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+from binascii import crc32
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from .decompression import MAX_CHUNK_BYTES, TooLarge, decompressors
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS = 1, 2, 3, 4, 5, 6, 8, 11
+END_OF_DATA = 15
+OPCODES = range(1, 16)
+# Opcode and length before each record; the footer with the end of the file.
+RECORD_HEAD_BYTES = 9
+FOOTER_BYTES = RECORD_HEAD_BYTES + 20 + len(MCAP_MAGIC)
+# Types and channels of one file. A cell has some tens.
+MAX_CHANNELS = 10_000
+
+
+class McapError(ValueError):
+    """A file that is damaged or beyond a limit, in a few words."""
+
+
+class McapChannel(NamedTuple):
+    """One topic and the type of its messages."""
+
+    id: int
+    topic: str
+    msgtype: str  # name of the type; empty: the file has none
+    encoding: str  # of the messages: cdr, ros1, protobuf, json, ...
+    schema_encoding: str  # of the definition: ros2msg, ros2idl, ros1msg, protobuf, jsonschema, ...; empty: none
+    schema: bytes
+    msgcount: int = 0
+
+
+class _Chunk(NamedTuple):
+    place: int
+    channels: frozenset[int]  # empty: not known
+
+
+class McapFile:
+    """An MCAP file that is open."""
+
+    def __init__(self, path: Path) -> None:
+        self.file = path.open("rb")
+        try:
+            self._open()
+        except BaseException:
+            self.file.close()
+            raise
+
+    def _open(self) -> None:
+        self.schemas: dict[int, tuple[str, str, bytes]] = {}
+        self.channels: dict[int, McapChannel] = {}
+        self.counts: Counter[int] = Counter()
+        self.chunks: list[_Chunk] = []
+        self.start_time, self.end_time = 2**63 - 1, 0  # ns
+        self.size = os.fstat(self.file.fileno()).st_size
+        if self.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+            raise McapError("the first bytes are not those of MCAP")
+        opcode, place, length = _record(self.file, len(MCAP_MAGIC), self.size) or (0, 0, 0)
+        if opcode != HEADER:
+            raise McapError("the file has no header")
+        self.file.seek(place)
+        self.profile = _Fields(self.file.read(min(length, 4096))).text()
+        self.start = self.end = place + length
+        self.end = self.size
+        self.cut = not self._has_footer()
+        if self.cut or not self._summarised():
+            self.schemas, self.channels, self.chunks = {}, {}, []
+            self._scan()
+        if self.cut and not self.channels:
+            raise McapError("the file was cut off before its first message")
+        self.connections = [one._replace(msgcount=self.counts[key]) for key, one in self.channels.items()]
+        self.message_count = self.counts.total()
+
+    def _has_footer(self) -> bool:
+        self.file.seek(max(0, self.size - FOOTER_BYTES))
+        data = self.file.read(FOOTER_BYTES)
+        found = data[:1] == bytes([FOOTER]) and data.endswith(MCAP_MAGIC) and self.size - FOOTER_BYTES >= self.start
+        if found:
+            (self.summary,) = struct.unpack_from("<Q", data, RECORD_HEAD_BYTES)
+            self.end = self.size - FOOTER_BYTES
+        return found
+
+    def _summarised(self) -> bool:
+        """Read the summary; False: there is none that counts the messages and has their channels."""
+        if not self.start <= self.summary < self.end:
+            return False
+        counted = False
+        for opcode, place, length in _records(self.file, self.summary, self.end):
+            if opcode not in (SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS):
+                continue
+            self.file.seek(place)
+            fields = _Fields(self.file.read(length))
+            if opcode == CHUNK_INDEX:
+                _, _, at, _ = fields.numbers("<QQQQ")
+                offsets = fields.bytes()
+                channels = (struct.unpack_from("<H", offsets, k)[0] for k in range(0, len(offsets) - 9, 10))
+                self.chunks.append(_Chunk(at, frozenset(channels)))
+            elif opcode == STATISTICS:
+                total, *_, chunks, self.start_time, self.end_time = fields.numbers("<QHIIIIQQ")
+                counts = fields.bytes()
+                self.counts = Counter(dict(struct.unpack_from("<HQ", counts, k) for k in range(0, len(counts) - 9, 10)))
+                counted = total == self.counts.total()
+            else:
+                self._describe(opcode, fields)
+        known = all(key in self.channels for key, count in self.counts.items() if count)
+        return counted and known and (not self.chunks or len(self.chunks) == chunks)
+
+    def _scan(self) -> None:
+        """Read types and channels, and count the messages, record by record."""
+        self.counts = Counter()
+        self.start_time, self.end_time = 2**63 - 1, 0
+        for opcode, data in self._contents(frozenset()):
+            if opcode in (SCHEMA, CHANNEL):
+                self._describe(opcode, _Fields(data))
+            elif opcode == MESSAGE:
+                channel, _, time, _ = _Fields(data).numbers("<HIQQ")
+                self.counts[channel] += 1
+                self.start_time, self.end_time = min(self.start_time, time), max(self.end_time, time)
+
+    def _describe(self, opcode: int, fields: _Fields) -> None:
+        """Take the record of a type or of a channel."""
+        if len(self.schemas) + len(self.channels) > MAX_CHANNELS:
+            raise McapError(f"more than {MAX_CHANNELS} types and channels")
+        (key,) = fields.numbers("<H")
+        if opcode == SCHEMA:
+            self.schemas[key] = fields.text(), fields.text(), fields.bytes()
+            return
+        (schema,) = fields.numbers("<H")
+        topic, encoding = fields.text(), fields.text()
+        self.channels.setdefault(key, McapChannel(key, topic, "", encoding, "", b""))
+        if (found := self.schemas.get(schema)) is not None:
+            name, form, data = found
+            self.channels[key] = McapChannel(key, topic, name, encoding, form, data)
+
+    def messages(self, wanted: Collection[McapChannel]) -> Iterator[tuple[McapChannel, int, bytes]]:
+        """Yield channel, time of recording (ns) and data of the messages of these channels."""
+        of = {one.id: one for one in wanted}
+        for opcode, data in self._contents(frozenset(of)):
+            if opcode == MESSAGE:
+                channel, _, time, _ = _Fields(data).numbers("<HIQQ")
+                if channel in of:
+                    yield of[channel], time, data[22:]
+
+    def _contents(self, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and content of the records that matter, also of those in chunks; by the index if there is one.
+
+        Of a message that is not ``wanted`` only the head.
+        """
+        if self.chunks:
+            for chunk in self.chunks:
+                if not chunk.channels or chunk.channels & wanted:
+                    found = _record(self.file, chunk.place, self.size)
+                    if found is None or found[0] != CHUNK:
+                        raise McapError(f"the index names a chunk at byte {chunk.place}, where there is none")
+                    yield from self._in_chunk(found[1], found[2])
+            return
+        place = self.start
+        for opcode, place, length in _records(self.file, self.start, self.end):
+            if opcode == END_OF_DATA:
+                return
+            if opcode == CHUNK:
+                yield from self._in_chunk(place, length)
+            elif opcode == MESSAGE:
+                head = self._read(place, min(length, 22))
+                whole = len(head) == 22 and struct.unpack_from("<H", head)[0] in wanted
+                yield opcode, self._read(place, length) if whole else head
+            elif opcode in (SCHEMA, CHANNEL):
+                yield opcode, self._read(place, length)
+            place += length
+        if not self.cut:
+            raise McapError(f"the record at byte {place} is damaged")
+        yield from self._in_cut_chunk(place)
+
+    def _read(self, place: int, length: int) -> bytes:
+        if length > MAX_CHUNK_BYTES:
+            raise TooLarge(MAX_CHUNK_BYTES)
+        self.file.seek(place)
+        return self.file.read(length)
+
+    def _in_chunk(self, place: int, length: int) -> Iterator[tuple[int, bytes]]:
+        fields = _Fields(self._read(place, length))
+        _, _, size, checksum = fields.numbers("<QQQI")
+        compression = fields.text()
+        (packed,) = fields.numbers("<Q")
+        if compression not in decompressors():
+            raise McapError(f"a chunk is compressed by {compression[:20]!r}, which is not known")
+        content = decompressors()[compression](fields.rest(packed), size)
+        if len(content) != size or (checksum and crc32(content) != checksum):
+            raise McapError("a chunk is damaged: its size or checksum is wrong")
+        yield from _inner(content)
+
+    def _in_cut_chunk(self, place: int) -> Iterator[tuple[int, bytes]]:
+        """Yield the complete records of a chunk that was cut off; none of a compressed one."""
+        self.file.seek(place)
+        data = self.file.read(MAX_CHUNK_BYTES)
+        name = RECORD_HEAD_BYTES + 28 + 4  # behind times, size, checksum, and the length of the compression's name
+        if len(data) >= name + 8 and data[0] == CHUNK and not any(data[name - 4 : name]):
+            yield from _inner(data[name + 8 :])
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+
+def _inner(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the records of a chunk."""
+    for opcode, place, length in _records(io.BytesIO(content), 0, len(content)):
+        if opcode in (SCHEMA, CHANNEL, MESSAGE):
+            yield opcode, content[place : place + length]
+
+
+def _record(file: BinaryIO, place: int, end: int) -> tuple[int, int, int] | None:
+    """Return opcode, place and length of the content of the record at a place; None: there is no complete one."""
+    file.seek(place)
+    head = file.read(RECORD_HEAD_BYTES)
+    if len(head) < RECORD_HEAD_BYTES:
+        return None
+    opcode, length = struct.unpack("<BQ", head)
+    after = place + RECORD_HEAD_BYTES + length
+    return (opcode, place + RECORD_HEAD_BYTES, length) if after <= end and opcode in OPCODES else None
+
+
+def _records(file: BinaryIO, place: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, place and length of the contents of records, up to the last complete one."""
+    while (found := _record(file, place, end)) is not None:
+        yield found
+        place = found[1] + found[2]
+
+
+class _Fields:
+    """Content of a record, read field by field."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.place = data, 0
+
+    def rest(self, length: int) -> bytes:
+        """Return so many bytes."""
+        if self.place + length > len(self.data):
+            raise McapError("a record is cut off")
+        self.place += length
+        return self.data[self.place - length : self.place]
+
+    def numbers(self, form: str) -> tuple[int, ...]:
+        """Return integers by their format."""
+        return struct.unpack(form, self.rest(struct.calcsize(form)))
+
+    def bytes(self) -> bytes:
+        """Return bytes behind their length."""
+        return self.rest(self.numbers("<I")[0])
+
+    def text(self) -> str:
+        """Return a text behind its length."""
+        return self.bytes().decode(errors="replace")
