@@ -446,7 +446,7 @@ class LatentModel(ReadOnlyArrays):
 
     def place(self, number: int) -> int:
         """Place in (x, z) of the first column of a component."""
-        return self._places[number].start
+        return int(self._places[number].start)
 
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""
