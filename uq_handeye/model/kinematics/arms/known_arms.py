@@ -69,13 +69,11 @@ def known_arm(name: str) -> KnownArm:
     Case, spaces, ``-``, ``_`` and ``/`` do not matter. Raises `InputError` for a name that is not in the table, with
     the nearest ones.
     """
-    wanted, table = _plain(name) if isinstance(name, str) else "", _table()
-    names = {plain: known for known, of in table.items() for plain in (_plain(known), *of.get("other_names", ()))}
-    names |= {_plain(table[known]["maker"]) + plain: known for plain, known in names.items()}
+    wanted, names = _plain(name) if isinstance(name, str) else "", _names()
     if wanted in names:
         return _read(names[wanted])
     near = list(dict.fromkeys(names[one] for one in difflib.get_close_matches(wanted[:60], names, n=6, cutoff=0.55)))
-    hint = f"Similar: {', '.join(near[:3])}" if near else f"Known: {', '.join(table)}"
+    hint = f"Similar: {', '.join(near[:3])}" if near else f"Known: {', '.join(_table())}"
     raise InputError(
         f"No arm of the name {name!r:.60} is known. {hint}. Variants of an arm have other lengths: give those of yours "
         "(--urdf, --dh)."
@@ -85,6 +83,14 @@ def known_arm(name: str) -> KnownArm:
 def maker_of(chain: str) -> str | None:
     """Return the maker of an arm of the table by the name of its chain (`known_arm`); None for other chains."""
     return next((of["maker"] for name, of in _table().items() if chain == f"{of['maker']} {name}"), None)
+
+
+@functools.cache
+def _names() -> dict[str, str]:
+    """Names of the table by all names of the arms, with and without the maker's, as `_plain` leaves them."""
+    table = _table()
+    names = {plain: known for known, of in table.items() for plain in (_plain(known), *of.get("other_names", ()))}
+    return names | {_plain(table[known]["maker"]) + plain: known for plain, known in names.items()}
 
 
 def _plain(name: str) -> str:
