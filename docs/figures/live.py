@@ -29,7 +29,7 @@ from selenium.webdriver.chrome.service import Service
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.touches import Touches
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.presentation.page import FLAGS, found_browser
+from uq_handeye.core.presentation.page import FLAGS, find_browser
 from uq_handeye.use.live_session.api import live
 from uq_handeye.use.live_session.view import view_page
 
@@ -73,7 +73,7 @@ def cell(n: int = 18, seed: int = 4) -> uq.PosePairs:
 def browser(size: tuple[int, int]) -> Iterator[Any]:
     """A browser of that many pixels, with software WebGL."""
     options = webdriver.ChromeOptions()
-    options.binary_location = str(found_browser())
+    options.binary_location = str(find_browser())
     with tempfile.TemporaryDirectory() as profile:
         for flag in (*(flag for flag in FLAGS if flag != "--disable-gpu"), *SOFTWARE, f"--user-data-dir={profile}"):
             options.add_argument(flag)

@@ -26,9 +26,9 @@ from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
 from uq_handeye.core.presentation.ellipses import render
-from uq_handeye.core.presentation.page import FLAGS, found_browser, to_pdf
+from uq_handeye.core.presentation.page import FLAGS, find_browser, to_pdf
 from uq_handeye.read import write_files
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.page import report_html
 
@@ -43,7 +43,7 @@ TOLERANCE = "2mm,0.2deg"
 def screen(page: Path, profile: str, dark: bool, size: tuple[int, int] = (WIDTH, HEIGHT)) -> bytes:
     """Return the first screen of a page as PNG."""
     options = webdriver.ChromeOptions()
-    options.binary_location = str(found_browser())
+    options.binary_location = str(find_browser())
     for flag in (*FLAGS, "--hide-scrollbars", f"--user-data-dir={profile}"):
         options.add_argument(flag)
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
@@ -78,7 +78,7 @@ def main(folder: Path) -> None:
         poses = uq.read_poses(data / "robot.csv", data / "camera.csv")
     result = uq.calibrate(poses)
     signed = replace(result, about=ABOUT)
-    compared, verdict = compare_beside(result), signed.verdict(TOLERANCE)
+    compared, verdict = compare_result(result), signed.verdict(TOLERANCE)
     picture = None if compared.comparison is None else comparison_picture(compared.comparison)
     assert picture is not None
     demo = report_html(result, comparison=compared)

@@ -10,7 +10,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding, renumbered
 from uq_handeye.model.poses.pose_numbers import numbers_of, ranges, select_poses
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.figures import pictures, small_pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -101,7 +101,7 @@ def test_questions_about_x_use_the_others(result, of_rest):
     assert uq.monte_carlo(result, trials=50, seed=1).covariance == pytest.approx(
         uq.monte_carlo(of_rest, trials=50, seed=1).covariance
     )
-    assert compare_beside(result).comparison.n_poses == 19
+    assert compare_result(result).comparison.n_poses == 19
 
 
 def test_the_result_file_keeps_them(result, tmp_path):

@@ -17,7 +17,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.model.camera.calibration_files import camera_to_dict
 from uq_handeye.model.camera.stored_calibration import camera_from_dict
 from uq_handeye.model.poses.timing import Timing
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.page import report_html
 from uq_handeye.use.planning.plan import plan
 
@@ -106,7 +106,7 @@ def test_the_report_of_a_file_is_that_of_the_result(case, from_corners, monkeypa
         "corners": lambda: from_corners,
     }[case]()
     again = stored(result)
-    one, other = (report_html(of, comparison=compare_beside(of), date="some day") for of in (result, again))
+    one, other = (report_html(of, comparison=compare_result(of), date="some day") for of in (result, again))
     assert one == other and "<td>tsai" in one.replace('<th scope="row">', "<td>")
 
 
@@ -138,7 +138,7 @@ def test_a_file_without_poses_is_read_and_says_so():
     assert result.data is None and "data" not in result.to_dict()
     with pytest.raises(InputError, match="no poses: its file holds none"):
         uq.monte_carlo(result)
-    assert "holds no poses" in compare_beside(result).reason
+    assert "holds no poses" in compare_result(result).reason
 
 
 def changed(part, *path, to):

@@ -239,7 +239,7 @@ def test_numbers_that_are_not_finite_are_a_failure(poses, monkeypatch, name):
 def test_reference_that_fails(poses, monkeypatch):
     replaced(monkeypatch, "4dpa", raises(DegenerateMotionError("No.", np.eye(6))))
     result = compare(poses, noise=NOISE, methods=FEW)
-    assert (result.reference, result.asked_reference) == ("tsai", "4dpa")
+    assert (result.reference, result.requested_reference) == ("tsai", "4dpa")
     assert "4dpa gave no result: the reference is tsai" in result.to_text(verbose=True)
     assert result["tsai"].d2 == 0
 
@@ -481,7 +481,7 @@ def test_the_reference_is_the_answer_of_calibrate(poses, noise, wrong):
     answer = uq.calibrate(poses, noise=noise)
     result = uq.compare(poses, noise=noise, methods=["park", "ml"])
     assert [row.method for row in result.rows] == ["efficient", "park", "ml"]
-    assert result.reference == result.asked_reference == "efficient"
+    assert result.reference == result.requested_reference == "efficient"
     np.testing.assert_array_equal(result["efficient"].X, answer.X)
     np.testing.assert_array_equal(result["efficient"].covariance, answer.covariance)
     # the others get the poses that count in it, and its noise

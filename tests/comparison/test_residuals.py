@@ -5,7 +5,7 @@ import pytest
 from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def test_the_best_fit_looks_best(scaled, tmp_path):
     own, *others = (row.residuals.translation_rms for row in found.rows)
     assert own == pytest.approx(result.residuals.translation_rms, rel=1e-9) and min(others) > 1.2 * own
     result.save(tmp_path / "result.json")
-    stored = compare_beside(uq.load(tmp_path / "result.json")).comparison
+    stored = compare_result(uq.load(tmp_path / "result.json")).comparison
     again = [next(row for row in stored.rows if row.method == name) for name in ("efficient (this result)", "park")]
     expected = own, others[0]
     np.testing.assert_allclose([row.residuals.translation_rms for row in again], expected, rtol=0.02)

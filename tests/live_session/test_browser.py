@@ -21,7 +21,7 @@ WebDriverWait = pytest.importorskip("selenium.webdriver.support.ui").WebDriverWa
 from uq_handeye.use.live_session.page import Page  # noqa: E402
 from uq_handeye.use.live_session.view import view_page  # noqa: E402
 
-CHROMIUM, DRIVER = pdf.found_browser(), shutil.which("chromedriver")
+CHROMIUM, DRIVER = pdf.find_browser(), shutil.which("chromedriver")
 pytestmark = pytest.mark.browser
 FLAGS = [flag for flag in pdf.FLAGS if flag != "--disable-gpu"]
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")

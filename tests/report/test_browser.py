@@ -14,7 +14,7 @@ from uq_handeye.core.presentation import page as pdf
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium (extra test) is not installed")
 WebDriverWait = pytest.importorskip("selenium.webdriver.support.ui").WebDriverWait
 
-CHROMIUM, DRIVER = pdf.found_browser(), shutil.which("chromedriver")
+CHROMIUM, DRIVER = pdf.find_browser(), shutil.which("chromedriver")
 pytestmark = pytest.mark.browser
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -219,7 +219,7 @@ def test_a_stored_result_gives_the_same(results, tmp_path):
 @pytest.mark.browser
 def test_two_pages_with_everything_given(results):
     """A full title block, a budget of many sources, a verdict; on letter, which is shorter than A4."""
-    weasyprint = pdf.found_weasyprint()
+    weasyprint = pdf.find_weasyprint()
     if weasyprint is None:
         missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     result = results["estimated"]

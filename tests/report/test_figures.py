@@ -27,7 +27,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate
 from uq_handeye.fit.likelihood.shared_groups import grouped
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures
 
@@ -391,7 +391,7 @@ def test_every_colour_follows_the_page(drawn):
 def test_nothing_is_cut_at_the_rim():
     """No ink on the outermost pixels of any picture; names of methods are the longest labels."""
     result = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, seed=SEED), noise=NOISE)
-    found = figures(result, None, compare_beside(result).comparison)
+    found = figures(result, None, compare_result(result).comparison)
     assert list(found) == [*ALL, "methods"]
     for stem, figure in found.items():
         grey = np.asarray(Image.open(io.BytesIO(render(figure, "png"))).convert("L"))

@@ -32,7 +32,7 @@ from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.findings import Finding
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.report import sections
-from uq_handeye.report.comparison.compare import compare_beside
+from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.page import report_html
 from uq_handeye.report.sections import NO_COVARIANCE, colour_of
 
@@ -67,7 +67,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def text(result):
-    return report_html(result, comparison=compare_beside(result), date="some day")
+    return report_html(result, comparison=compare_result(result), date="some day")
 
 
 @pytest.fixture(scope="module")
@@ -267,7 +267,7 @@ def test_code_is_only_for_those_who_repeat_the_run(small):
 )
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_two_printed_pages(case, paper, tmp_path):
-    if pdf.found_weasyprint() is None:
+    if pdf.find_weasyprint() is None:
         missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     if case in ("kuka_1", "not usable") and "UQ_HANDEYE_DATA" not in os.environ:
         pytest.skip("needs UQ_HANDEYE_DATA")
@@ -327,7 +327,7 @@ def test_rejected_poses_are_left_out_of_the_comparison(quick):
     camera[4, :3, 3] += 0.1
     with pytest.warns(uq.InputWarning):
         of = uq.calibrate(uq.PosePairs(poses.robot, camera))
-    words = Page(report_html(of, comparison=compare_beside(of))).words("methods")
+    words = Page(report_html(of, comparison=compare_result(of))).words("methods")
     assert "55 pairs of 11 poses" in words and "Without the pose rejected here." in words
 
 
@@ -401,14 +401,14 @@ def test_accessible(page):
 
 
 def test_the_same_result_gives_the_same_file(result, text):
-    other = report_html(result, comparison=compare_beside(result), date="another day")
+    other = report_html(result, comparison=compare_result(result), date="another day")
     assert other.replace("another day", "some day") == text
 
 
 def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
     """Neither a calibration nor a test of the data: the result has them, the comparison was handed over."""
     of = uq.calibrate(simulated(), noise=NOISE)
-    given = compare_beside(of)
+    given = compare_result(of)
     assert all(row.seconds is None for row in given.comparison.rows)  # no time is shown, none is measured
     of.summary(verbose=True)  # asks for what the result works out when it is first asked for
 
@@ -452,7 +452,7 @@ def test_written_whole_or_not_at_all(small, tmp_path):
 
 
 def test_pdf_without_any_printer_names_both_ways(small, tmp_path, monkeypatch):
-    monkeypatch.setattr(pdf, "found_weasyprint", lambda: None)
+    monkeypatch.setattr(pdf, "find_weasyprint", lambda: None)
     monkeypatch.setattr(pdf.shutil, "which", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"WeasyPrint.*\.\[pdf\].*Chromium"):
         small.report(tmp_path / "report.pdf", comparison=False)
@@ -460,7 +460,7 @@ def test_pdf_without_any_printer_names_both_ways(small, tmp_path, monkeypatch):
 
 
 def test_pdf_by_a_browser_that_fails_says_so(small, tmp_path, monkeypatch):
-    monkeypatch.setattr(pdf, "found_weasyprint", lambda: None)
+    monkeypatch.setattr(pdf, "find_weasyprint", lambda: None)
     monkeypatch.setattr(pdf.shutil, "which", lambda name: sys.executable)  # does not know the options
     with pytest.raises(InputError, match=r"did not print the report.*\.html"):
         small.report(tmp_path / "report.pdf", comparison=False)
@@ -468,7 +468,7 @@ def test_pdf_by_a_browser_that_fails_says_so(small, tmp_path, monkeypatch):
 
 @pytest.mark.browser
 def test_pdf_by_weasyprint(tmp_path):
-    if pdf.found_weasyprint() is None:
+    if pdf.find_weasyprint() is None:
         missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     path = CASES["published"]().report(tmp_path / "report.pdf", comparison=False)
     assert path.read_bytes().startswith(b"%PDF") and path.stat().st_size > 50_000

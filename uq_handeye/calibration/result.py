@@ -275,7 +275,7 @@ class Calibration(Statement):
         path : str or Path
             Its suffix selects the format: .html or .pdf.
         comparison : Comparison, Compared or bool
-            The comparison of methods by `compare` or `compare_beside`. True computes it, the only computation for a
+            The comparison of methods by `compare` or `compare_result`. True computes it, the only computation for a
             report; False leaves it out.
         cross_check : CrossCheck or None
             If given, its covariances are drawn over the ellipses and its relations listed.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..errors import InputError
 from .names import ROBOT_CLASSES
 from .options import Options
-from .values import one_of, said_of
+from .values import naming_option, one_of
 
 if TYPE_CHECKING:
     from ..model.kinematics.chain import Kinematics
@@ -112,7 +112,7 @@ class ChainOptions(Options):
         from ..model.kinematics.chain import Kinematics
 
         if self.robot_model is not None:
-            with said_of("--robot-model"):
+            with naming_option("--robot-model"):
                 return Kinematics.from_name(self.robot_model)
         if self.dh is not None:
             return Kinematics.from_dh(self.dh)
@@ -167,7 +167,7 @@ class ErrorOptions(Options):
                 raise InputError(f"{', '.join(wrong)}: not used with --kinematics exact. Remove the option.")
         for name, value in of_arm.items():
             parameter = SIZES_OF_ARM[name]
-            with said_of(f"--size {name!r}"):
+            with naming_option(f"--size {name!r}"):
                 KinematicErrors(**{parameter: value})
             values[parameter] = value
         return KinematicErrors(**values)

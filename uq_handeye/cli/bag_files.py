@@ -60,7 +60,7 @@ class BagGiven:
     chain: ChainOptions | None = None  # of an arm whose joint values are in the bag
     errors: ErrorOptions = field(default_factory=ErrorOptions)
 
-    def beside(
+    def sensors_with(
         self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None
     ) -> "tuple[Sensors, Any, Arm | None]":
         """Return the streams of the bag, and of ``files`` for the side that it does not give.

@@ -292,10 +292,10 @@ class Outputs:
         methods: Compared | bool = comparison
         folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or wishes.details)
         if comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
-            from ..report.comparison.compare import compare_beside
+            from ..report.comparison.compare import compare_result
 
             with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
-                methods = compare_beside(result)
+                methods = compare_result(result)
         names = []
         if self.output is not None:
             compared = getattr(methods, "comparison", None)

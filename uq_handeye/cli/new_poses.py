@@ -20,7 +20,7 @@ from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
 from .rigs import is_rig_file, named_camera, read_rig_file
 from .touches import TouchesToUse
-from .values import one_of, said_of
+from .values import naming_option, one_of
 from .views import Views, views_of
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     """Return the sizes of --size by name."""
     from ..model.shared_errors.sizes import parse_size
 
-    with said_of("--size"):
+    with naming_option("--size"):
         found = dict(parsed := [parse_size(text) for text in texts])
         if len(found) < len(parsed):
             raise InputError("Expected one size of each error, got two of one name.")

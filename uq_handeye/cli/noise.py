@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
 from .shared_errors import SharedOptions
-from .values import said_of
+from .values import naming_option
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading
@@ -49,7 +49,7 @@ class NoiseOptions:
 
         if self.covariance_convention is None:
             return None
-        with said_of("--covariance-convention"):
+        with naming_option("--covariance-convention"):
             return CovarianceReading.parse(self.covariance_convention)
 
     def read(self) -> "tuple[Noise | StatedNoise | None, NoisePrior | None]":
@@ -122,7 +122,7 @@ def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":
     return noise
 
 
-def exact_beside(known: "NoisePrior") -> "PoseNoise":
+def exact_other_side(known: "NoisePrior") -> "PoseNoise":
     """Return the noise with the side that is not given taken as exact."""
     from ..model.noise.models import PoseNoise
 

@@ -263,7 +263,7 @@ class PoseFiles(StreamFiles):
         pictures, views = either(seen)
         files = self
         if sensors is None:
-            files = self if arm is None else self._beside_arm(arm, pictures is not None)
+            files = self if arm is None else self._with_arm(arm, pictures is not None)
             if files.robot is None and (arm is None or not arm.by_joints):
                 raise missing_robot()
         if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
@@ -274,7 +274,7 @@ class PoseFiles(StreamFiles):
         noise: Any
         if views is not None:
             poses, _ = files._poses_and_noise(None, None, arm, sensors)
-            noise = views.beside(poses, given.noise_at(poses), given.prior)
+            noise = views.noise_with(poses, given.noise_at(poses), given.prior)
             shared = of_all.errors(poses, None, given.file, views)
         else:
             poses, noise = files._poses_and_noise(given, pictures, arm, sensors)
@@ -291,7 +291,7 @@ class PoseFiles(StreamFiles):
 
     def read_new(self, pictures: "Pictures | None" = None, arm: Arm | None = None) -> "PosePairs":
         """Return one or more pairs of poses, to be held against a calibration, without those left out by request."""
-        files = self if arm is None else self._beside_arm(arm, pictures is not None)
+        files = self if arm is None else self._with_arm(arm, pictures is not None)
         if files.robot is None and arm is None:
             raise missing_robot(", or --joints" if arm is None else "")
         poses, _ = files._poses_and_noise(None, pictures, arm, fewest=1)
@@ -304,7 +304,7 @@ class PoseFiles(StreamFiles):
 
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"), fewest)
 
-    def _beside_arm(self, arm: Arm, pictures: bool) -> "PoseFiles":
+    def _with_arm(self, arm: Arm, pictures: bool) -> "PoseFiles":
         """Return the files as their arguments are read with an arm: a single one is that of the camera."""
         robot, first, second = arm.options.robot_file, self.robot, self.camera
         if robot is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .names import ACCURACY_CLASSES
-from .values import one_of, said_of
+from .values import naming_option, one_of
 
 if TYPE_CHECKING:
     from ..model.noise.models import Noise
@@ -73,7 +73,7 @@ class SharedOptions:
             ("--offset-sd", self.offset_sd, SharedError.clock_offset),
         ):
             if text is not None:
-                with said_of(name):
+                with naming_option(name):
                     error = make(text)
                 declared[error.name] = error
         if self.robot_class is not None:

@@ -53,7 +53,7 @@ def named_folder(directory: Path | None) -> Path | None:
 
 
 @contextmanager
-def said_of(option: str) -> Iterator[None]:
+def naming_option(option: str) -> Iterator[None]:
     """Put the name of an option before the message of an `InputError`."""
     try:
         yield

@@ -49,7 +49,7 @@ class Views:
     options: ViewOptions
     intrinsics: str | None  # estimated, exact, or None: as stated by the camera
 
-    def beside(
+    def noise_with(
         self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
     ) -> "CameraNoise | PoseNoise":
         """Return the noise of the poses, with the robot noise if it is given."""

@@ -52,14 +52,14 @@ def question_of(
     from ..use.live_session.question import Question
     from .views import Views
 
-    def beside(poses: "PosePairs") -> tuple[Any, Any]:
+    def noise_and_shared(poses: "PosePairs") -> tuple[Any, Any]:
         noise = given.noise_at(poses)
         if isinstance(seen, Views):
-            of_views = seen.beside(poses, noise, given.prior)
+            of_views = seen.noise_with(poses, noise, given.prior)
             return of_views, given.shared.errors(poses, None, given.file, seen)
         return noise, given.shared.errors(poses, noise, given.file)
 
-    return Question({**options, "prior": given.prior}, beside, tolerance)
+    return Question({**options, "prior": given.prior}, noise_and_shared, tolerance)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ _AT = re.compile(r"line (\d+):")
 # A field, an item, or a list of numbers over several lines.
 _FIELD_LINE = re.compile(r"\s*(?:- )*[A-Za-z_]\w*:(?:\s|$)|\s*-\s|[\s\d.,eE+\[\]-]+$")
 # Lines that the tools print between messages.
-SAID = re.compile(
+TOOL_LINE = re.compile(
     r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
     r"|\S*[$#>]? ?(ros2 (topic|run|launch)|rostopic |rosrun )"
 )
@@ -54,11 +54,11 @@ def messages_of(text: str) -> Iterator[tuple[int, dict[str, Tree], EchoError | N
         if lines and body == line and lines[0][1] == body:
             yield (begun, *_parsed(lines), True)
             lines = []
-        if body == "---" or (body.endswith("---") and SAID.match(body)):
+        if body == "---" or (body.endswith("---") and TOOL_LINE.match(body)):
             if lines:
                 yield (begun, *_parsed(lines), True)
             lines = []
-        elif body and not body.startswith("#") and not SAID.match(body):
+        elif body and not body.startswith("#") and not TOOL_LINE.match(body):
             begun = begun if lines else number
             lines.append((number, line))
     if lines:

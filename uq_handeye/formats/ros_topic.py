@@ -16,7 +16,7 @@ from ..core.files.lines import is_number
 from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents
-from .echoed_messages import PRINTED, SAID, EchoError, messages_of
+from .echoed_messages import PRINTED, TOOL_LINE, EchoError, messages_of
 from .ros_messages import MessageError, Stamped, frame_name, poses_in
 from .ros_sides import side_of
 
@@ -34,7 +34,7 @@ def is_ros_topic(head: str) -> bool:
         return False
     if _csv_row(lines[0]) is not None or any(map(PRINTED.search, lines[:20])):
         return True
-    first = next((line for line in lines if not SAID.match(line.lstrip()) and line.strip() != "---"), "")
+    first = next((line for line in lines if not TOOL_LINE.match(line.lstrip()) and line.strip() != "---"), "")
     return bool(_FIRST.match(first)) and bool(_PART.search(head))
 
 

@@ -55,7 +55,7 @@ _log = logging.getLogger("uq_handeye")
 def read_poses(
     robot: StrPath | None,
     camera: StrPath | CameraCalibration | PointPoses | None = None,
-    **asked: Any,
+    **options: Any,
 ) -> PosePairs:
     """Robot and camera poses from one or two files, paired.
 
@@ -119,8 +119,8 @@ def read_poses(
         Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
         that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
     """
-    require_known("read_poses", asked, Asked)
-    request = Asked(**asked)
+    require_known("read_poses", options, ReadRequest)
+    request = ReadRequest(**options)
     if robot is None:
         if request.arm is None or camera is None:
             missing = "joints and kinematics" if request.arm is None else "a camera"
@@ -134,7 +134,7 @@ def read_poses(
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class ReadRequest:
     """Keywords of `read_poses`, checked."""
 
     setup: str | None = None
@@ -173,7 +173,7 @@ class Asked:
         """Frames of robot and camera poses."""
         return self.robot_frame, self.camera_frame
 
-    def of_camera(self) -> Asked:
+    def of_camera(self) -> ReadRequest:
         """Return the request where the poses of the robot are those of joint values."""
         units, formats, forms = ((None, of_camera) for _, of_camera in self.sides)
         return replace(
@@ -181,13 +181,13 @@ class Asked:
         )
 
 
-read_poses.__signature__ = keywords_of(read_poses, Asked)  # type: ignore[attr-defined]
+read_poses.__signature__ = keywords_of(read_poses, ReadRequest)  # type: ignore[attr-defined]
 
 
-def _of_files(robot_file: StrPath | None, camera: StrPath | None, asked: Asked) -> PosePairs:
+def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadRequest) -> PosePairs:
     """Return the poses of two files, or of one that holds both sides (``camera`` is None)."""
-    units, formats, forms = asked.sides
-    robot = _robot_of(robot_file, asked.arm, formats[0])
+    units, formats, forms = request.sides
+    robot = _robot_of(robot_file, request.arm, formats[0])
     first = robot.contents
     sources: tuple[Source, ...] = (robot.source,)
     contents, paths = (first, first), (robot.path, robot.path)
@@ -199,23 +199,23 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, asked: Asked) 
             f"{shown(robot.path)} holds poses of one side only ({robot.source.format}); give the file of the other "
             "side as well, the robot's first."
         )
-    said = asked.setup is not None or any(one.setup is not None for one in contents)
-    setup = _setup(asked.setup, contents, paths)
+    said = request.setup is not None or any(one.setup is not None for one in contents)
+    setup = _setup(request.setup, contents, paths)
     if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
         warn_if_swapped(*paths)
     sides = [side_of(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
-    frames = list(asked.frames)
+    frames = list(request.frames)
     if contents[0].robot_enters and setup == "eye-to-hand":
         frames[0] = FRAMES["robot"][1]
         sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
-    inverted = _inverted(asked.frames, said)
+    inverted = _inverted(request.frames, said)
     if not said and frames[1] != FRAMES["camera"][0]:
         note = (
             "poses inverted, as target_T_camera; if the camera is fixed, give --setup eye-to-hand and no --camera-frame"
         )
         sources = _noted(sources, len(sources) - 1, paths[1], [note])
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
-    match = match_times(sides[0], sides[1], asked.tolerance) if asked.pair == "time" else None
+    match = match_times(sides[0], sides[1], request.tolerance) if request.pair == "time" else None
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
     chosen = chosen_readings(sides, units, forms, frames, rows, setup)
     for k, note in enumerate(chosen.notes):
@@ -223,7 +223,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, asked: Asked) 
             sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note], chosen.sides[k].readings[0].format)
     sides = chosen.sides
     robot_poses, camera_poses = (finished(*side) for side in zip(sides, FRAMES, units, forms, frames, strict=True))
-    values = robot.joints_at(sides[0], asked.tolerance)
+    values = robot.joints_at(sides[0], request.tolerance)
     if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
@@ -233,7 +233,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, asked: Asked) 
     else:
         for side in sides if camera is not None else sides[:1]:
             warn_if_back(side)
-        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], asked.pair == "rows"))
+        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], request.pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *robot.joint_source)
     findings = (*chosen.findings, *inverted)
@@ -270,17 +270,17 @@ def _robot_of(robot: StrPath | None, arm: Joints | None, format: str | None) -> 
     return _Robot(Path(arm.name), Contents(robot=arm.side), arm.source, False, arm)
 
 
-def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, asked: Asked) -> PosePairs:
+def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, request: ReadRequest) -> PosePairs:
     """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
-    if asked.pair == "time" or asked.frames[1] != FRAMES["camera"][0]:
+    if request.pair == "time" or request.frames[1] != FRAMES["camera"][0]:
         raise InputError(
             "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
             "`camera_frame` (--camera-frame) out."
         )
-    frame, (units, format, rotation) = asked.robot_frame, (pair[0] for pair in asked.sides)
-    robot = _robot_of(robot_file, asked.arm, format)
+    frame, (units, format, rotation) = request.robot_frame, (pair[0] for pair in request.sides)
+    robot = _robot_of(robot_file, request.arm, format)
     path, contents, source, *_ = robot
-    setup = _setup(asked.setup, (contents, contents), (path, path))
+    setup = _setup(request.setup, (contents, contents), (path, path))
     side = side_of(contents, "robot", shown(path))
     sources: tuple[Source, ...] = (source,)
     if contents.robot_enters and setup == "eye-to-hand":
@@ -292,11 +292,11 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, asked: Asked
     sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
     poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
-    values = robot.joints_at(side, asked.tolerance)
+    values = robot.joints_at(side, request.tolerance)
     sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *robot.joint_source, *seen.source)
-    findings = (*chosen.findings, *_inverted(asked.frames, True))
+    findings = (*chosen.findings, *_inverted(request.frames, True))
     covariance = None if seen.points is None else seen.points.covariance
     pairs = PosePairs(
         poses[rows],
@@ -430,9 +430,9 @@ def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: tuple[
     return said or "eye-in-hand"
 
 
-def _inverted(asked: tuple[str, str], said: bool) -> tuple[Finding, ...]:
+def _inverted(frames: tuple[str, str], said: bool) -> tuple[Finding, ...]:
     """Return a finding where poses are inverted on request; ``said``: the setup is given, or a file says it."""
-    sides = [role for role, frame in zip(FRAMES, asked, strict=True) if frame == FRAMES[role][1]]
+    sides = [role for role, frame in zip(FRAMES, frames, strict=True) if frame == FRAMES[role][1]]
     return (Finding("poses.inverted", "note", {"sides": sides, "said": said}),) if sides else ()
 
 

@@ -29,7 +29,7 @@ from ..errors import InputError
 from ..methods.propagation.target_pose import mean_target
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
-from .comparison.compare import compare_beside
+from .comparison.compare import compare_result
 from .comparison.figure import comparison_picture
 
 if TYPE_CHECKING:
@@ -296,7 +296,7 @@ def figure_of(result: Calibration, name: str | None = None) -> Figure:
     if name is None and names:
         name = names[0]
     if name in names:
-        comparison = compare_beside(result).comparison if name == "methods" else None
+        comparison = compare_result(result).comparison if name == "methods" else None
         picture = pictures(result, None, comparison, only=(name,)).get(name)
         if picture is not None:
             return picture.figure

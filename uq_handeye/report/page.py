@@ -25,7 +25,7 @@ from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_pag
 from ..errors import InputError, require_type
 from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
 from .certificate import make_certificate
-from .comparison.compare import Compared, compare_beside
+from .comparison.compare import Compared, compare_result
 from .comparison.result import Comparison
 from .editing import edited
 from .figures import pictures, require_same_problem, small_pictures
@@ -77,7 +77,7 @@ def write_report(
     result = replace(result, about=as_about({**result.about, **(about or {})}))
     folded = path.suffix.lower() == ".html" or details
     if comparison is True:
-        comparison = folded and compare_beside(result)
+        comparison = folded and compare_result(result)
     text = report_html(
         result,
         comparison=comparison or None,

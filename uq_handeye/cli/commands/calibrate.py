@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 def calibrate_command(
     data: Data,
-    asked: Estimation,
+    estimation: Estimation,
     beforehand: Annotated["dict[str, Any]", pose_prior_of],
     wishes: Annotated["ReportOptions", report_options_of],
     wanted: Annotated["Wanted", wanted_of],
@@ -68,16 +68,16 @@ def calibrate_command(
     if is_rig_file(data.files.robot):
         described = read_rig_file(data.files)
     if several_cameras(described, robot.cameras):
-        return calibrate_rig_files(described, data, asked, wishes, wanted, outputs)
+        return calibrate_rig_files(described, data, estimation, wishes, wanted, outputs)
     outputs.require_possible()
     files, name = named_camera(data.files, robot.cameras)
     data = replace(data, files=files)
     if data.watch is not None:
-        return _watch(data, asked.options() | beforehand, wishes, wanted, outputs)
+        return _watch(data, estimation.options() | beforehand, wishes, wanted, outputs)
     pictures, arm, sensors = data.pictures, robot.arm, None
     if robot.bag is not None:
-        sensors, pictures, arm = robot.bag.beside(files, pictures, arm)
-    options = asked.options() | beforehand | {"prior": given.prior}
+        sensors, pictures, arm = robot.bag.sensors_with(files, pictures, arm)
+    options = estimation.options() | beforehand | {"prior": given.prior}
     from ...calibration.calibrate import calibrate
 
     with withheld() as shown:
@@ -105,7 +105,7 @@ def calibrate_command(
     result = replace(result, about=wishes.about)
     check = None
     if outputs.with_cross_check:
-        check = _cross_check(problem_for(result, poses, noise, shared, asked.pairs), asked.seed)
+        check = _cross_check(problem_for(result, poses, noise, shared, estimation.pairs), estimation.seed)
     return deliver_result(result, outputs, wanted, wishes, check=check, threshold=outputs.threshold, more=last)
 
 

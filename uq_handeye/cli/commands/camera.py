@@ -2,7 +2,6 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import InputError, InputWarning
 from ..boards import BoardOptions, read_two_numbers
@@ -11,10 +10,6 @@ from ..messages import progress_wanted, timed
 from ..names import UNITS
 from ..pictures import LensOptions
 from ..values import one_of
-
-if TYPE_CHECKING:
-    pass
-
 
 TABLES = (".csv", ".txt", ".tsv")
 

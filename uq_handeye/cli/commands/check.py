@@ -4,23 +4,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..delivery import (
-    deliver_answer,
-)
+from ..delivery import deliver_answer
 from ..exit_status import ExitStatus
 from ..messages import quiet, timed
 from ..new_poses import NewPoses
 from ..printing import shown
 from ..rigs import NEW_VIEWS, new_views, refuse, stored_rig
+from .update import names_of
 
 if TYPE_CHECKING:
     from ...rig.checks.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
-from .update import names_of
 
 
 @dataclass(frozen=True)
-class Asked:
+class CheckOptions:
     """Options of the question.
 
     Options (Output):
@@ -43,7 +41,7 @@ class Asked:
 def check_command(
     result: Path,
     files: NewPoses,
-    asked: Asked,
+    wanted: CheckOptions,
     as_json: bool = False,
     output: Path | None = None,
 ) -> int:
@@ -83,11 +81,11 @@ def check_command(
     stored: Any = rig or Calibration.from_json(result)
     poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
     with timed("checking"):
-        found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names_of(asked.same, THINGS))
-        series = None if asked.log is None else log_check(asked.log, stored, poses, found)
+        found = check(stored, poses, tolerance=wanted.tolerance, level=wanted.level, same=names_of(wanted.same, THINGS))
+        series = None if wanted.log is None else log_check(wanted.log, stored, poses, found)
     text, said = found.to_json(), [*shown(document_of(found))]
     if series is not None and not quiet():
-        lines = [f"Check {len(series)} of the log {asked.log}.", *series.sentences]
+        lines = [f"Check {len(series)} of the log {wanted.log}.", *series.sentences]
         said.append([Paragraph(line, hang="  ") for line in lines])
 
     def written() -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...core.runtime.threads import cores
 from ...errors import InputError
@@ -11,9 +10,6 @@ from ..exit_status import ExitStatus
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session
 from ..values import require_writable
-
-if TYPE_CHECKING:
-    pass
 from .validate import _files_of
 
 
@@ -36,7 +32,7 @@ class Work:
 
 def cross_check_command(
     session: Session,
-    asked: Work,
+    work: Work,
     as_json: bool = False,
     output: Path | None = None,
     report: Path | None = None,
@@ -69,8 +65,8 @@ def cross_check_command(
     from ...trials.validation.cross_check.run import cross_check
     from ...trials.validation.sentences import INTERRUPTED
 
-    result, problem = session.calibrated(asked.pairs)
-    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
+    result, problem = session.calibrated(work.pairs)
+    how = vars(work) | {"workers": cores() if work.workers is None else work.workers}
     how |= {"directory": None if output is None else output / "run", "resume": resume}
     with timed("cross-check"):
         check = cross_check(**problem, **how, progress=progress_wanted())

@@ -2,21 +2,11 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import InputError
-from ..delivery import (
-    REPORTS,
-    DemoOutputs,
-    Wanted,
-    deliver_result,
-)
+from ..delivery import REPORTS, DemoOutputs, Wanted, deliver_result
 from ..messages import LOG, quiet
 from ..values import require_writable
-
-if TYPE_CHECKING:
-    pass
-
 
 # The demo writes this report if no other one is requested.
 DEMO_REPORT = Path("demo_report.html")

@@ -1,15 +1,9 @@
 """Command ``diff``: how far two results differ, with the uncertainty of the difference."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ..delivery import (
-    deliver_answer,
-)
+from ..delivery import deliver_answer
 from ..printing import shown
-
-if TYPE_CHECKING:
-    pass
 from .update import names_of
 
 

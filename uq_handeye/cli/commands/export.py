@@ -1,21 +1,14 @@
 """Command ``export``: X for other programs."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import InputError
-from ..delivery import (
-    status_of,
-)
+from ..delivery import status_of
 from ..exit_status import ExitStatus
 from ..messages import LOG, fail
 from ..names import CONTROLLER_NAMES, CONVENTION_NAMES
 from ..printing import emit
 from ..values import one_of, require_writable
-
-if TYPE_CHECKING:
-    pass
-
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (

@@ -14,6 +14,7 @@ from ..pictures import Pictures, pictures_of
 from ..pose_files import StreamFiles
 from ..printing import emit
 from ..touches import TouchesToUse
+from ..watching import folder_of, question_of
 
 if TYPE_CHECKING:
     from ...use.live_session.browser_page import BrowserPage
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from ..arm import Arm
     from ..pictures import Pictures
     from ..views import Views
-from ..watching import folder_of, question_of
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from ...errors import InputError
 from ..arm import Arm, arm_alone
@@ -14,10 +14,6 @@ from ..noise import Given, given_of, require_of_poses
 from ..pose_files import PoseFiles
 from ..rigs import plan_stored_rig, stored_rig
 from ..values import one_of
-
-if TYPE_CHECKING:
-    pass
-
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
@@ -92,7 +88,7 @@ def plan_command(
     files: PoseFiles,
     given: Annotated["Given", given_of],
     arm: Annotated["Arm | None", arm_alone],
-    asked: Planning,
+    planning: Planning,
     form: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -123,24 +119,26 @@ def plan_command(
         names one.
     """
     if (rig := stored_rig(files.robot)) is not None:
-        return plan_stored_rig(rig, asked, as_json, output)
+        return plan_stored_rig(rig, planning, as_json, output)
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...model.kinematics.joints_file import read_joints
     from ...read.robot_poses import read_robot_poses
     from ...use.planning.plan import plan
 
-    asked.require_possible(arm)
+    planning.require_possible(arm)
     poses, noise, shared = files.read_kept(given, None, arm)
     of_arm: dict[str, Any] = {}
     if arm is None:
         like = poses.sources[0].format if poses.sources else None
         of_robot = {"units": files.both_units[0], "format": files.formats[0], "rotation": files.rotations[0]}
-        rows = None if asked.candidates is None else read_robot_poses(asked.candidates, like, **of_robot)[1]
+        rows = None if planning.candidates is None else read_robot_poses(planning.candidates, like, **of_robot)[1]
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
-        rows = None if asked.candidates is None else read_joints(asked.candidates, chain, units).q
-        of_arm = {"task": None if asked.task is None else read_joints(asked.task, chain, units).q} | arm.of_calibrate
+        rows = None if planning.candidates is None else read_joints(planning.candidates, chain, units).q
+        of_arm = {
+            "task": None if planning.task is None else read_joints(planning.task, chain, units).q
+        } | arm.of_calibrate
     noise = require_of_poses(noise, "plan")
     with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses
         warn(check_input(poses, noise))
@@ -148,14 +146,14 @@ def plan_command(
         found = plan(
             poses,
             rows,
-            asked.k,
+            planning.k,
             noise=noise,
-            criterion=asked.criterion,
-            point=None if asked.point is None else asked.point.split(","),
-            length=asked.length,
-            sample=asked.sample,
-            seed=asked.seed,
-            repeat=asked.repeat,
+            criterion=planning.criterion,
+            point=None if planning.point is None else planning.point.split(","),
+            length=planning.length,
+            sample=planning.sample,
+            seed=planning.seed,
+            repeat=planning.repeat,
             shared=shared,
             prior=given.prior,
             **of_arm,

@@ -2,7 +2,6 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
@@ -10,9 +9,6 @@ from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
 from ..names import UNITS
 from ..values import one_of
-
-if TYPE_CHECKING:
-    pass
 
 
 def points_command(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
@@ -10,10 +10,6 @@ from ..messages import progress_wanted, timed
 from ..new_poses import Session
 from ..pose_prior import pose_prior_of
 from ..printing import emit
-
-if TYPE_CHECKING:
-    pass
-
 
 CHAIN = "chain.h5"
 

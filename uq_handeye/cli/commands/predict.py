@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 from ...core.files.csv_text import csv_text
 from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
-from ..delivery import (
-    deliver_answer,
-)
+from ..delivery import deliver_answer
 from ..rigs import predict_stored_rig, stored_rig
 from ..values import coordinates
 
@@ -45,7 +43,7 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Asked:
+class PredictOptions:
     """Options of what is predicted.
 
     Options:
@@ -90,7 +88,7 @@ class Asked:
 
 
 def predict_command(
-    result: Path, places: Places, asked: Asked, as_json: bool = False, output: Path | None = None
+    result: Path, places: Places, wanted: PredictOptions, as_json: bool = False, output: Path | None = None
 ) -> None:
     r"""Predict target points or camera poses at other robot poses.
 
@@ -118,18 +116,18 @@ def predict_command(
     from ...read import json_text
 
     if (rig := stored_rig(result)) is not None:
-        return predict_stored_rig(rig, asked, places.robot, as_json, output)
-    asked.require_possible(places)
-    points = None if not asked.point else np.array([coordinates(text, "--point") for text in asked.point])
-    tip = None if asked.tool is None else np.array(coordinates(asked.tool, "--tool"))
+        return predict_stored_rig(rig, wanted, places.robot, as_json, output)
+    wanted.require_possible(places)
+    points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])
+    tip = None if wanted.tool is None else np.array(coordinates(wanted.tool, "--tool"))
     stored = Calibration.from_json(result)
-    times, at = _read_places(stored, str(result), places, asked.reached_at)
+    times, at = _read_places(stored, str(result), places, wanted.reached_at)
     if points is not None:
         found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
         rows, data = _point_rows(found, times), found.to_dict()
-        text = _text_of_points(found, len(times), stored, asked.reached_at is not None)
+        text = _text_of_points(found, len(times), stored, wanted.reached_at is not None)
     else:
-        seen = stored.predict_camera(**at, new_measurement=not asked.no_noise)
+        seen = stored.predict_camera(**at, new_measurement=not wanted.no_noise)
         rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
     plain = json_text(data | {"timestamps": times.tolist()})
     files = {"predictions.csv": csv_text(rows), "predictions.json": plain}

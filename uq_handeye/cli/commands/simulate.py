@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ..names import SETUP_NAMES
-from ..noise import NoiseOptions, exact_beside, require_of_poses, without_poses
+from ..noise import NoiseOptions, exact_other_side, require_of_poses, without_poses
 from ..printing import emit
 
 MAX_POSES = 1_000_000  # about 1 GB of memory
@@ -63,7 +63,7 @@ def simulate_command(
 
     given, known = options.read()
     noise = (
-        require_of_poses(without_poses(given, "simulate"), "simulate") if known is None else exact_beside(known)
+        require_of_poses(without_poses(given, "simulate"), "simulate") if known is None else exact_other_side(known)
     )  # no further noise is drawn
     if options.noise is not None and read_shared_errors(options.noise):
         raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")

@@ -3,7 +3,7 @@
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from ...core.files.locks import held
 from ...errors import InputError, NotConvergedError
@@ -19,9 +19,6 @@ from ..delivery import (
 from ..messages import timed, withheld
 from ..new_poses import NewPoses
 from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
-
-if TYPE_CHECKING:
-    pass
 
 
 def update_command(

@@ -53,7 +53,7 @@ class Simulation:
 def validate_command(
     session: Session,
     beforehand: Annotated["dict[str, Any]", pose_prior_of],
-    asked: Simulation,
+    simulation: Simulation,
     figure: Path | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -81,23 +81,23 @@ def validate_command(
       * --figure FILE: Figure, .png or .svg, one per method.
       * --resume: Continue the run in -o DIR, or add trials to it.
     """
-    pairs = asked.pairs
-    names = methods_of(",".join(asked.method or ["efficient"]), "--method", EVERY_METHOD)
-    if asked.covariance not in ("model", "each"):
-        raise InputError(f"Expected --covariance to be model or each, got {asked.covariance!r}.")
+    pairs = simulation.pairs
+    names = methods_of(",".join(simulation.method or ["efficient"]), "--method", EVERY_METHOD)
+    if simulation.covariance not in ("model", "each"):
+        raise InputError(f"Expected --covariance to be model or each, got {simulation.covariance!r}.")
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
     _, problem = session.calibrated(pairs, **beforehand)
-    workers = cores() if asked.workers is None else asked.workers
+    workers = cores() if simulation.workers is None else simulation.workers
 
     from ...read import json_text
     from ...trials.validation.sentences import INTERRUPTED
 
     results: list[MonteCarlo] = []
-    for result in _simulated(problem, names, asked, workers, resume, output):
+    for result in _simulated(problem, names, simulation, workers, resume, output):
         results.append(result)
         folder = _folder(output, result.method, names)
         if not as_json:
@@ -121,7 +121,7 @@ def validate_command(
 
 
 def _simulated(
-    problem: dict[str, Any], names: list[str], asked: Simulation, workers: int, resume: bool, output: Path | None
+    problem: dict[str, Any], names: list[str], simulation: Simulation, workers: int, resume: bool, output: Path | None
 ) -> "Iterator[MonteCarlo]":
     """Yield the result of each method, up to the first that ends early."""
     from ...core.runtime.executors import connect_to_dask
@@ -129,19 +129,19 @@ def _simulated(
 
     with ExitStack() as stack:
         executor: Executor | None = None
-        if asked.scheduler is not None:
-            executor, workers = stack.enter_context(connect_to_dask(asked.scheduler))
+        if simulation.scheduler is not None:
+            executor, workers = stack.enter_context(connect_to_dask(simulation.scheduler))
         for name in names:
             result = monte_carlo(
                 **problem,
                 method=name,
-                trials=asked.trials,
-                seed=asked.seed,
+                trials=simulation.trials,
+                seed=simulation.seed,
                 workers=workers,
-                pairs=asked.pairs,
-                scale=asked.scale,
-                covariance="each" if asked.covariance == "each" else None,
-                digits=asked.digits,
+                pairs=simulation.pairs,
+                scale=simulation.scale,
+                covariance="each" if simulation.covariance == "each" else None,
+                digits=simulation.digits,
                 directory=_folder(output, name, names),
                 resume=resume,
                 executor=executor,

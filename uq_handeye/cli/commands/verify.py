@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any
 from ...core.files.csv_text import csv_text
 from ...core.files.json_files import json_text
 from ...errors import InputError
-from ..delivery import (
-    deliver_answer,
-)
+from ..delivery import deliver_answer
 from ..exit_status import ExitStatus
 from ..names import UNITS
 from ..printing import shown

@@ -1,12 +1,8 @@
 """Command ``view``: a stored result in the browser."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..touches import TouchesToUse
-
-if TYPE_CHECKING:
-    pass
 from .live import PageOptions, _stay
 
 

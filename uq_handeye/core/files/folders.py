@@ -16,7 +16,7 @@ from .open import shown
 # Files in the folder of a ROS bag.
 BAGS = (".mcap", ".db3", ".zstd")
 # Suffixes of files that lie beside poses and hold none; names of notes.
-BESIDE = (
+OTHER_FILES = (
     *(".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp", ".exr", ".raw", ".gif"),
     *(".zdf", ".ply", ".pcd", ".stl", ".obj", ".las", ".mp4", ".avi", ".pdf", ".md", ".log", ".py", ".ipynb", ".zip"),
 )
@@ -54,7 +54,9 @@ def paths_of(path: Path) -> tuple[list[Path], list[str]]:
                 f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what "
                 "is in it."
             )
-        poses = [child for child in found if child.suffix.lower() not in BESIDE and child.stem.lower() not in NOTES]
+        poses = [
+            child for child in found if child.suffix.lower() not in OTHER_FILES and child.stem.lower() not in NOTES
+        ]
         if poses and len(poses) < len(found):
             others = sorted({child.suffix.lower() or child.name for child in found if child not in poses})
             notes.append(f"{len(found) - len(poses)} files that hold no poses are left out ({', '.join(others[:6])})")

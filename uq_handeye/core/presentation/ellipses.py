@@ -31,7 +31,7 @@ from ..geometry.checks import as_covariance, as_pose
 from ..geometry.rotations import Rotation
 from ..geometry.se3 import Array
 from .colours import BLUE, GREEN, ORANGE, SKY
-from .figure_parts import NamedFigure, settle_layout
+from .figure_parts import SMALL, NamedFigure, settle_layout
 from .figure_parts import render as render
 
 LEVELS = (1, 2, 3)
@@ -134,7 +134,7 @@ def small_ellipses(covariance: Array) -> Figure:
         reach = 3.2 * float(np.sqrt(np.diag(covariance)[first : first + 3].max())) / scale[first] or 1.0
         for axis, (i, j) in zip(line, PAIRS_WITHIN, strict=True):
             _draw(axis, first + i, first + j, {"": covariance}, np.empty((0, 6)), scale)
-            limited(axis, (reach, reach), size=6.5)
+            limited(axis, (reach, reach))
             axis.set_xlabel(f"{'xyz'[i]} ({unit})", fontsize=7, labelpad=1)
             axis.set_ylabel("xyz"[j], fontsize=7, labelpad=2)
             axis.set_title(axis.get_title(loc="right"), fontsize=6.5, loc="right", pad=2)
@@ -218,14 +218,14 @@ def _draw(axis: Axes, i: int, j: int, covariances: Mapping[str, Array], points: 
                 axis.plot(0, 0, "o", color=colour, markersize=3, zorder=3)
 
 
-def limited(axis: Axes, reach: tuple[float, float], size: float = 8) -> None:
+def limited(axis: Axes, reach: tuple[float, float]) -> None:
     """Limits and few, round ticks; a square panel."""
     axis.set_xlim(-reach[0], reach[0])
     axis.set_ylim(-reach[1], reach[1])
     axis.set_box_aspect(1)
     for direction in (axis.xaxis, axis.yaxis):
         direction.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], symmetric=True))
-    axis.tick_params(labelsize=size, direction="in", top=True, right=True)
+    axis.tick_params(labelsize=SMALL, direction="in", top=True, right=True)
 
 
 def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, pose: Array) -> None:

@@ -196,9 +196,9 @@ def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:
         The browser did not print.
     """
     html = html.replace("</style>", f"@page {{ size: {paper}; }}\n</style>", 1)
-    if (printer := found_weasyprint()) is not None:
+    if (printer := find_weasyprint()) is not None:
         return _by_weasyprint(html, printer)
-    if (browser := found_browser()) is not None:
+    if (browser := find_browser()) is not None:
         return _by_browser(html, browser)
     raise MissingExtraError(
         "A report as PDF needs WeasyPrint (in the clone: pip install '.[pdf]') or an installed Chromium or "
@@ -206,12 +206,12 @@ def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:
     )
 
 
-def found_browser() -> str | None:
+def find_browser() -> str | None:
     """The path of a Chromium browser, if there is one."""
     return next((path for name in BROWSERS if (path := shutil.which(name)) is not None), None)
 
 
-def found_weasyprint() -> ModuleType | None:
+def find_weasyprint() -> ModuleType | None:
     """The package, or None where it or the libraries that it needs (Pango) are not installed."""
     try:
         import weasyprint  # type: ignore[import-untyped]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 
-from .program_text import VALUE, Found, fields_of_list
+from .program_text import VALUE, ProgramPoses, fields_of_list
 
 _THREE = rf"\[\s*({VALUE}(?:\s*,\s*{VALUE}){{2}})\s*\]"
 _FOUR = rf"\[\s*({VALUE}(?:\s*,\s*{VALUE}){{3}})\s*\]"
@@ -32,7 +32,7 @@ def has_lists(head: str) -> bool:
     return not head.lstrip().startswith(("{", "<")) and bool(_ABB_POSE.search(head))
 
 
-def add_abb_poses(found: Found) -> None:
+def add_abb_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of ABB."""
     found.joints = len(_ABB_JOINTS.findall(found.text))
     text = _ABB_COMMENT.sub(lambda one: one[0][: one.start(1) - one.start(0)] + " " * len(one[1]), found.text)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 
 from ...errors import InputError
-from .program_text import VALUE, Found
+from .program_text import VALUE, ProgramPoses
 from .tables import HELP
 
 _START = re.compile(r"\bP(?:R)?\s*\[\s*(\d+)[^\]\n]{0,80}\]\s*\{|^[ \t]*\[\s*\d+\s*,\s*(\d+)\s*\]\s*=", re.MULTILINE)
@@ -23,7 +23,7 @@ IS_FANUC = re.compile(r"^[ \t]*/(?:PROG|POS)\b|\*POSREG\*|\bP(?:R)?\s*\[\s*\d+[^
 _FANUC_COMMENT = re.compile(r"^[ \t]*(?:\d+[ \t]*:)?[ \t]*!.*$", re.MULTILINE)
 
 
-def add_fanuc_poses(found: Found) -> str | None:
+def add_fanuc_poses(found: ProgramPoses) -> str | None:
     """Return the length unit that the positions say."""
     text = _FANUC_COMMENT.sub(lambda match: " " * len(match[0]), found.text)
     section = re.search(r"^[ \t]*/POS\b", text, re.MULTILINE)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from ...errors import InputError
-from .program_text import VALUE, Found, fields_of_list
+from .program_text import VALUE, ProgramPoses, fields_of_list
 from .tables import HELP
 
 _LINE = re.compile(rf"\s*([#A-Za-z][\w.\[\],]*)\s+({VALUE}(?:[\s,]+{VALUE})*)\s*")
@@ -17,7 +17,7 @@ _TRANS = re.compile(rf"\b(\w+)\s*=\s*TRANS\s*\(\s*({VALUE}(?:\s*,\s*{VALUE}){{5}
 IS_KAWASAKI = re.compile(r"^[ \t]*\.(?:TRANS|JOINTS|PROGRAM)\b|=\s*TRANS\s*\(", re.MULTILINE | re.IGNORECASE)
 
 
-def add_kawasaki_poses(found: Found) -> None:
+def add_kawasaki_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of Kawasaki."""
     section = ""
     for number, line in enumerate(found.text.splitlines(), start=1):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from .program_text import VALUE, Found
+from .program_text import VALUE, ProgramPoses
 
 _STRUCTURE = re.compile(r"\{([^{}]*)\}")
 _KUKA_PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
@@ -28,7 +28,7 @@ def is_kuka(head: str) -> bool:
     return any({"X", "A"} <= keys or {"A1", "A2"} <= keys for keys in structures)
 
 
-def add_kuka_poses(found: Found) -> None:
+def add_kuka_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of KUKA."""
     frames = {label.upper(): f"TOOL_NO {tool}, BASE_NO {base}" for label, tool, base in _FRAMES.findall(found.text)}
     parts = others = 0

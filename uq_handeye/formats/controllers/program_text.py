@@ -29,8 +29,8 @@ JOINTS = (
 )
 
 
-class Found:
-    """Poses of a program, in their order: line, name or "", numbers as texts; and what was met beside them."""
+class ProgramPoses:
+    """Poses of a program, in their order: line, name or "", and the joint targets, tools and notes met between them."""
 
     def __init__(self, text: str, name: str) -> None:
         self.text, self.name = text, name

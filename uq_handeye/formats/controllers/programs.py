@@ -11,7 +11,7 @@ from .fanuc import IS_FANUC, add_fanuc_poses
 from .forms import CONTROLLERS
 from .kawasaki import IS_KAWASAKI, add_kawasaki_poses
 from .kuka import add_kuka_poses, is_kuka
-from .program_text import Found
+from .program_text import ProgramPoses
 from .staubli import BRACES, add_staubli_poses, is_staubli
 from .universal_robots import IS_UR, add_ur_poses
 from .yaskawa import IS_YASKAWA, add_yaskawa_poses
@@ -21,7 +21,7 @@ class Program(NamedTuple):
     """The language of a maker: what its texts look like, and what adds their poses and returns their length unit."""
 
     recognises: Callable[[str], object]
-    read: Callable[[Found], str | None]
+    read: Callable[[ProgramPoses], str | None]
     loose: Callable[[str], object] = lambda head: False  # what is theirs only if the format is asked for
 
 
@@ -39,5 +39,5 @@ PROGRAMS = {
 
 def read_program(maker: str, text: str, name: str, sure: bool = True) -> Contents:
     """Return the poses of a text; unless ``sure``, the convention of their rotations is open."""
-    found = Found(text, name)
+    found = ProgramPoses(text, name)
     return found.contents(CONTROLLERS[maker], PROGRAMS[maker].read(found), sure)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from .program_text import VALUE, Found, fields_of_list
+from .program_text import VALUE, ProgramPoses, fields_of_list
 
 _STAUBLI_NUMBERS = ("x", "y", "z", "rx", "ry", "rz")
 _TAG = re.compile(r"<(/?)([A-Za-z_][\w:]*)([^<>]*?)(/?)>")
@@ -31,7 +31,7 @@ def is_staubli(head: str) -> bool:
     return bool(BRACES.search(head) and _WORDS.search(head))
 
 
-def add_staubli_poses(found: Found) -> None:
+def add_staubli_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of Staubli."""
     if found.text.lstrip().startswith("<"):
         return _staubli_data(found)
@@ -41,7 +41,7 @@ def add_staubli_poses(found: Found) -> None:
             found.add(found.line(match.start()), _STAUBLI_LABEL.search(before), fields_of_list(match[1]))
 
 
-def _staubli_data(found: Found) -> None:
+def _staubli_data(found: ProgramPoses) -> None:
     """Add the values of the points of a ``.dtx``."""
     label, kind = "", ""
     others = completed = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from .program_text import VALUE, Found, fields_of_list
+from .program_text import VALUE, ProgramPoses, fields_of_list
 
 _UR_POSE = re.compile(rf"\bp\s*\[\s*({VALUE}(?:\s*,\s*{VALUE}){{5}})\s*\]")
 _UR_LABEL = re.compile(r"(\w+)\s*=\s*$")
@@ -18,7 +18,7 @@ _UR_JOINTS = re.compile(r"\b(?:movej|servoj)\s*\(\s*\[")
 IS_UR = re.compile(rf"{_UR_POSE.pattern}|{_UR_JOINTS.pattern}")
 
 
-def add_ur_poses(found: Found) -> None:
+def add_ur_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of Universal Robots."""
     found.joints = len(_UR_JOINTS.findall(found.text))
     features = whole = 0

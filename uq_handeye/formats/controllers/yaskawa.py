@@ -10,14 +10,14 @@ from __future__ import annotations
 import re
 
 from ...errors import InputError
-from .program_text import Found, fields_of_list
+from .program_text import ProgramPoses, fields_of_list
 from .tables import HELP
 
 _POSITION = re.compile(r"\s*((?:BC|EC|BP|EX|[CP])\d+)\s*=\s*([^=]*)", re.IGNORECASE)
 IS_YASKAWA = re.compile(r"^[ \t]*(?:/JOB\b|///RECTAN|///PULSE|///POSTYPE|[CP]\d{4,5}\s*=)", re.MULTILINE)
 
 
-def add_yaskawa_poses(found: Found) -> None:
+def add_yaskawa_poses(found: ProgramPoses) -> None:
     """Add the poses of a text of Yaskawa."""
     kind = ""  # pulses are whole numbers, positions have decimals
     frames = set()

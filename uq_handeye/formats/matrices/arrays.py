@@ -12,7 +12,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import NORM_TOLERANCE, Reading, Side, matrices_side
 from ..controllers.readings import interpret
-from .layout import COUNTS, MAX_NUMBERS_BEFORE, found_in, with_last_row
+from .layout import COUNTS, MAX_NUMBERS_BEFORE, matrices_in, with_last_row
 
 HELP = "docs/formats.md, NPZ and NPY"
 _ONE = ((4, 4), (3, 4), (16,), (12,), (7,), (6,))  # shapes of one pose
@@ -62,7 +62,7 @@ def side_of_array(
     elif flat.shape[1] in (7, 8):
         side = _quaternions(flat, name, options)
     else:
-        found = found_in(flat)
+        found = matrices_in(flat)
         if found is None and flat.shape[1] == 12 and values.ndim == 3:
             T, layout = with_last_row(values), ""
         elif found is None and flat.shape[1] == 16:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
-from .layout import found_in
+from .layout import matrices_in
 from .matrix_contents import contents_of
 from .named_columns import FRANKA, names_matrices, read_columns
 from .number_lines import number_lines
@@ -54,7 +54,7 @@ def read_franka(text: str, name: str) -> Contents:
         rows += [numbers[k : k + 16] for k in range(0, len(numbers), 16)]
         lines += [line] * (len(numbers) // 16)
         line += text.count("\n", key.end(), begin)
-    found_matrices = found_in(np.array(rows))
+    found_matrices = matrices_in(np.array(rows))
     if found_matrices is None:
         raise InputError(
             f"{name}, line {lines[0]}: expected 0, 0, 0, 1 as every fourth number of O_T_EE, got {rows[0]} ({HELP})."
@@ -71,7 +71,7 @@ def _unnamed(text: str, name: str) -> Contents:
         if len({len(line.values) for line in lines}) == 1
         else np.empty((0, 0))
     )
-    found = found_in(table) if table.shape[1] >= 16 else None
+    found = matrices_in(table) if table.shape[1] >= 16 else None
     if found is None:
         raise InputError(f"{name}: expected the 16 numbers of O_T_EE in each line, got none ({HELP}).")
     return contents_of(found, name, np.array([line.line for line in lines]), "line")

@@ -35,7 +35,7 @@ _NOTES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TableMatrices:
     """Matrices (n, 4, 4) and how they stood.
 
     Parameters
@@ -57,7 +57,7 @@ class Found:
         return BOTH if self.may else ()
 
 
-def found_in(table: Array) -> Found | None:
+def matrices_in(table: Array) -> TableMatrices | None:
     """Return the matrices of numbers (n, k), or None where no place of a matrix fits more than half of the rows."""
     best: tuple[float, int, str] | None = None
     for count in COUNTS:
@@ -74,12 +74,12 @@ def found_in(table: Array) -> Found | None:
     _, before, layout = best
     after = before + (16 if layout in _FITS[16] else 12)
     rest = np.concatenate([table[:, :before], table[:, after:]], axis=1)
-    return Found(_matrices(table[:, before:after], layout), rest, _NOTES[layout], layout in ("R t", "t R"))
+    return TableMatrices(_matrices(table[:, before:after], layout), rest, _NOTES[layout], layout in ("R t", "t R"))
 
 
 def fitting(numbers: Array) -> bool:
     """Return whether numbers (n, 16) or (n, 12) are matrices in some layout."""
-    return found_in(numbers) is not None
+    return matrices_in(numbers) is not None
 
 
 def _last(rows: Array) -> NDArray[np.bool_]:

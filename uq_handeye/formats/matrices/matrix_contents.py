@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ..contents import Contents, matrices_side
-from .layout import Found
+from .layout import TableMatrices
 from .stamps import times_of
 
 HELP = "docs/formats.md, Matrices in text"
 
 
-def contents_of(found: Found, name: str, rows: NDArray[np.int64] | None, counted: str, *more: str) -> Contents:
+def contents_of(found: TableMatrices, name: str, rows: NDArray[np.int64] | None, counted: str, *more: str) -> Contents:
     """The poses that were found, with times where numbers in front of the matrices are some."""
     notes = [found.note, *(note for note in more if note)]
     times, said = times_of(found.others)

@@ -21,7 +21,7 @@ from ...errors import InputError
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
 from ..number_table import names_of, read_number_table
-from .layout import BOTH, found_in, with_last_row
+from .layout import BOTH, matrices_in, with_last_row
 from .matrix_contents import HELP
 
 _TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
@@ -126,7 +126,7 @@ def read_columns(text: str, name: str, readings: tuple[Reading, ...] = ()) -> Co
         readings = readings or (BOTH if header.counted else ())
         parts = [matrix.reshape(-1, 3, 3), table.values[:, header.translation, None]]
         T = with_last_row(np.concatenate(parts, axis=2))
-    elif (found := found_in(matrix)) is not None:
+    elif (found := matrices_in(matrix)) is not None:
         T, readings = found.T, readings or found.readings
         notes.append(found.note)
     else:

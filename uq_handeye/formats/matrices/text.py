@@ -20,7 +20,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.limits import HEAD_BYTES
 from ...errors import InputError
 from ..contents import Contents
-from .layout import COUNTS, MAX_NUMBERS_BEFORE, fitting, found_in
+from .layout import COUNTS, MAX_NUMBERS_BEFORE, fitting, matrices_in
 from .matrix_contents import HELP, contents_of
 from .named_columns import names_matrices, read_columns
 from .number_lines import NotNumbersError, NumberLine, number_lines
@@ -102,14 +102,14 @@ def read_matrix_text(text: str, name: str) -> Contents:
     if len(counts) == 1 and (count := next(iter(counts))) in _PER_LINE:
         table = np.array([line.values for line in lines])
         numbers = np.array([line.line for line in lines])
-        found = found_in(table)
+        found = matrices_in(table)
         if found is None:
             raise _no_layout(table[0], f"{name}, line {lines[0].line}", count)
         return contents_of(found, name, numbers, "line")
     if (blocks := _blocks(lines)) is None:
         raise _uneven(lines, name)
     table, numbers, note = blocks
-    found = found_in(table)
+    found = matrices_in(table)
     if found is None:
         raise _no_layout(table[0], f"{name}, line {numbers[0]}", table.shape[1])
     return contents_of(found, name, numbers, "the matrix of line", note)

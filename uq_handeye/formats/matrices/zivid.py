@@ -22,7 +22,7 @@ from ...core.files.trees import parse_tree
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
-from .layout import found_in
+from .layout import matrices_in
 
 _ZIVID = (Reading("zivid", "matrix", "mm"),)
 _KEYS = ("FloatMatrix", "PoseState")
@@ -51,7 +51,7 @@ def read_zivid(text: str, name: str) -> Contents:
         numbers = stack(value, where).reshape(-1)
     if numbers.size != 16:
         raise InputError(f"{where}: expected a matrix 4x4, got {numbers.size} numbers.")
-    found = found_in(numbers.reshape(1, 16))
+    found = matrices_in(numbers.reshape(1, 16))
     if found is None:
         raise InputError(f"{where}: expected the last row 0, 0, 0, 1, got {numbers[12:].tolist()}.")
     return Contents(

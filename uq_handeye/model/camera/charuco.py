@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from .adjustment.opencv import opencv
-from .corner_refinement import Found, Picture, refined
+from .corner_refinement import Detection, Picture, refined
 from .description import Board
 from .dictionaries import dictionary_of
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MIN_CORNERS_OF_VIEW = 6
 
 
-def charuco_finder(board: Board) -> Callable[[Picture], Found]:
+def charuco_finder(board: Board) -> Callable[[Picture], Detection]:
     cv2 = opencv()
     words = dictionary_of(board.dictionary)
 
@@ -38,7 +38,7 @@ def charuco_finder(board: Board) -> Callable[[Picture], Found]:
     except cv2.error as error:
         raise InputError(f"OpenCV takes no {board} with the dictionary {board.dictionary}: too few markers?") from error
 
-    def find(picture: Picture) -> Found:
+    def find(picture: Picture) -> Detection:
         for k, one in enumerate(detectors):
             corners, ids, _, _ = one.detectBoard(picture)
             if ids is None or len(ids) < MIN_CORNERS_OF_VIEW:

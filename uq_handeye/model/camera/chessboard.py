@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from .adjustment.opencv import opencv
-from .corner_refinement import Found, Picture, refined
+from .corner_refinement import Detection, Picture, refined
 from .description import Board
 
 
-def chessboard_finder(board: Board) -> Callable[[Picture], Found]:
+def chessboard_finder(board: Board) -> Callable[[Picture], Detection]:
     cv2 = opencv()
     size = (board.columns, board.rows)
     numbers = np.arange(board.columns * board.rows)
 
-    def find(picture: Picture) -> Found:
+    def find(picture: Picture) -> Detection:
         # The sector-based detector finds more boards, but its corners at the rim of the board are off by up to half a
         # pixel where squares are small; refined by their gradients, all are good to a few hundredths.
         for flags in (0, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE):

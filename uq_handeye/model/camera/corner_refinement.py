@@ -12,7 +12,7 @@ from .corners import smoothing
 Picture = NDArray[np.uint8]
 # Numbers of the board's points, their pixels, and half the widths of the windows in which these were refined.
 Seen = tuple[NDArray[np.intp], Array, NDArray[np.intp]]
-Found = Seen | None
+Detection = Seen | None
 
 
 def refined(

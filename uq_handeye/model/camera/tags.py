@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .adjustment.opencv import opencv
-from .corner_refinement import Found, Picture, refined
+from .corner_refinement import Detection, Picture, refined
 from .description import Board
 from .dictionaries import dictionary_of, drawn_upside_down
 from .quadrangles import corners_by_edges
@@ -53,7 +53,9 @@ def layout_of(board: Board) -> Layout:
     return Layout(board, ids, numbers, board.points[numbers][..., :2])
 
 
-def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None = None) -> Callable[[Picture], Found]:
+def tag_finder(
+    board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None = None
+) -> Callable[[Picture], Detection]:
     """Return the function that finds the corners of the board in a picture; tags of each go to ``seen``."""
     cv2, words, layout = opencv(), dictionary_of(board.dictionary), layout_of(board)
     if int(layout.ids.max()) >= len(words.bytesList):
@@ -94,7 +96,7 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
     turns = [2, 0] if upside_down else [0, 2]
     turns = turns if str(board.dictionary).startswith("APRILTAG") and not board.single else turns[:1]
 
-    def find(picture: Picture) -> Found:
+    def find(picture: Picture) -> Detection:
         for border in borders:
             ids, quads = detected(picture, border)
             if not len(ids):
@@ -174,7 +176,7 @@ def _off(points: Array, quads: Array) -> Array:
     return np.asarray(np.linalg.norm(away, axis=-1).max(axis=1))
 
 
-def _seen(layout: Layout, tags: NDArray[np.intp], quads: Array, picture: Picture, border: float) -> Found:
+def _seen(layout: Layout, tags: NDArray[np.intp], quads: Array, picture: Picture, border: float) -> Detection:
     """Numbers, pixels and windows of the corners; where black squares touch tags, refined as those of a chessboard."""
     size = np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=-1)
     size = np.sqrt(size * np.roll(size, 1, axis=1))  # (k, 4) of both edges that meet in a corner

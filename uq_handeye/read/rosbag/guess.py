@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from .recording import Recording
 from .track import Pair
-from .tree import MAX_PAIRS, Tree
+from .tree import MAX_FRAME_PAIRS, Tree
 
 # Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
 BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "link_base", "robot_base", "world", "map")
@@ -52,7 +52,7 @@ def _robot(recording: Recording, camera: str) -> str:
     tree = recording.tree
     frames = tree.frames
     bases, tools = ([frame for name in names for frame in frames if _is(frame, name)] for names in (BASES, TOOLS))
-    for base, tool in islice(product(bases, tools), MAX_PAIRS):
+    for base, tool in islice(product(bases, tools), MAX_FRAME_PAIRS):
         if base != tool and tree.moves(base, tool):
             return f"{base}:{tool}"
     topics = [f"{name}" for name, tracks in recording.poses.items() if len(tracks) == 1 and name != camera]

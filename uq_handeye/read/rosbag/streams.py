@@ -122,7 +122,7 @@ def camera_stream(
     seen = _detected(recording, name, pair)
     if seen is not None:
         topic, track = seen
-        known = own or _info_beside(recording, topic, track[0])
+        known = own or _info_of_detections(recording, topic, track[0])
         connected = not name and recording.tree.chain(*pair) is not None
         if tag is not None:
             if known is None:
@@ -144,7 +144,7 @@ def camera_stream(
             )
     found = _of_topic(recording, name, pair, "camera") if name else _of_frames(recording, pair, "camera", spec)
     if seen is None and tag is not None:
-        own = own or _info_beside(recording, name, pair)
+        own = own or _info_of_detections(recording, name, pair)
         if own is None:
             raise InputError(
                 f"--tag: {recording.name} holds no corners of {spec} in pixels, and no camera_info. Remove it, or add "
@@ -282,7 +282,7 @@ def _detected(recording: Recording, name: str, pair: Pair) -> tuple[str, tuple[P
     return None
 
 
-def _info_beside(recording: Recording, topic: str, pair: Pair) -> CameraInfo | None:
+def _info_of_detections(recording: Recording, topic: str, pair: Pair) -> CameraInfo | None:
     """Return the camera_info of the detections: of the same frame, else of the same namespace, else the only one."""
     infos = recording.infos
     same = [info for info in infos.values() if info.frame and info.frame == pair[0]]

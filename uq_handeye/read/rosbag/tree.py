@@ -25,7 +25,7 @@ from ..synchronisation.interpolation import at_times
 from .track import Pair, TimedPoses, Track, listed
 
 # Pairs of frames that a recording may have; each needs memory of its own.
-MAX_PAIRS = 5000
+MAX_FRAME_PAIRS = 5000
 
 
 @dataclass
@@ -43,8 +43,8 @@ class Tree:
     def track(self, pair: Pair) -> Track:
         """Return the track of an edge, a new one if there is none."""
         if pair not in self.edges:
-            if len(self.edges) >= MAX_PAIRS:
-                raise InputError(f"Expected transforms between at most {MAX_PAIRS} pairs of frames, got more.")
+            if len(self.edges) >= MAX_FRAME_PAIRS:
+                raise InputError(f"Expected transforms between at most {MAX_FRAME_PAIRS} pairs of frames, got more.")
             self.edges[pair] = Track(f"the transform {pair_text(*pair)}")
             self._near.setdefault(pair[0], []).append((pair[1], pair, True))
             self._near.setdefault(pair[1], []).append((pair[0], pair, False))

@@ -4,7 +4,7 @@ Model: the gripper and the camera (or the target) are one rigid body, so that bo
 speed at the same moment, whatever X: ``|omega_robot(t + offset)| = |omega_camera(t)|``. No X, no W, no axes are needed.
 
 Both streams are brought to one grid (the larger of the two median intervals); the speed at a grid time is the angle
-between the poses half a window before and behind, by the window (rad/s). Of three windows the one with the
+between the poses half a window before and after it, divided by the window (rad/s). Of three windows the one with the
 most significant correlation is taken: short ones follow fast motion, long ones average noise. Wrong detections rotate
 fast: both speeds are cut off at one level, the smaller of the two 98 % quantiles. The correlation coefficient at every
 lag is that of the grid times at which both speeds are known (neither gap nor end), by FFT in O(n log n); a parabola
@@ -31,7 +31,7 @@ from .interpolation import at_times
 WINDOWS_S = (0.1, 0.3, 1.0)
 # The largest grid. Its FFT needs a gigabyte.
 MAX_GRID_STEPS = 4_000_000
-# Both speeds must be known at so many grid times, and at this share of the most that any lag has.
+# Both speeds must be known at this number of grid times, and at this share of the largest number that any lag has.
 MIN_GRID_TIMES, MIN_OVERLAP = 20, 0.3
 # Peaks below this share of the highest are dropped.
 MIN_PEAK_RATIO = 0.7

@@ -82,7 +82,7 @@ AT_STOPS = " Poses taken while the robot stood still need no offset: where both 
 MAX_OFFSET_SD_S = 0.25
 
 
-def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
+def synchronise(robot: Stream, camera: Stream, **options: Any) -> Synchronised:
     """Pose pairs of two time-stamped streams, with the offset between their clocks and its uncertainty.
 
     Parameters
@@ -136,8 +136,8 @@ def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
     >>> sync = uq.synchronise(robot, camera)                 # doctest: +SKIP
     >>> result = uq.calibrate(sync.poses)                    # doctest: +SKIP
     """
-    require_known("synchronise", asked, Asked)
-    given = Asked(**asked)
+    require_known("synchronise", options, SyncRequest)
+    given = SyncRequest(**options)
     for name, stream in (("robot", robot), ("camera", camera)):
         require_type(name, stream, Stream, "a Stream (read_stream, or Stream(timestamps, poses))")
         if len(stream) < 3:
@@ -172,7 +172,7 @@ def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class SyncRequest:
     """Keywords of `synchronise`, checked."""
 
     setup: str = "eye-in-hand"
@@ -218,7 +218,7 @@ class Asked:
         return self.prior is not None and self.prior[1] == 0
 
 
-synchronise.__signature__ = keywords_of(synchronise, Asked)  # type: ignore[attr-defined]
+synchronise.__signature__ = keywords_of(synchronise, SyncRequest)  # type: ignore[attr-defined]
 
 
 def _require_one(noise: PoseNoise) -> None:
@@ -244,7 +244,7 @@ def _estimate(
     pairing: Pairing,
     ends: tuple[float, float],
     prior: tuple[float, float] | None,
-    asked: Asked,
+    request: SyncRequest,
     candidates_tried: int = 3,
 ) -> _Estimate:
     """Estimate the offset between the ``ends`` by correlation and Gauss-Newton; times from the origins of the streams.
@@ -252,7 +252,7 @@ def _estimate(
     A prior of standard deviation 0 is only a start. Of the peaks of the correlation the highest and the nearest to the
     middle are tried.
     """
-    noise = asked.noise
+    noise = request.noise
     step = max(float(np.median(np.diff(times))) for times in (pairing.robot_times, pairing.camera_times))
     correlation = best_correlation(
         (pairing.robot_times, pairing.robot), (pairing.camera_times, pairing.camera), *ends, pairing.max_gap
@@ -271,7 +271,7 @@ def _estimate(
     for candidate in candidates:
         try:
             _require_rows(pairing, candidate, MIN_ROWS_FOR_OFFSET)
-            tried.append(start(pairing, candidate, asked.seed))
+            tried.append(start(pairing, candidate, request.seed))
         except (InputError, NotConvergedError) as error:
             failure = failure or error
     if not tried:
@@ -309,7 +309,7 @@ def _estimate(
         low, high = at_rest
         middle_of_stops, deviation = 0.5 * (low + high), (high - low) / np.sqrt(12.0)  # of a uniform distribution
         refined = refined._replace(offset=middle_of_stops, std=deviation, wanted=(middle_of_stops, deviation))
-        alternatives |= _shifted_by_a_stop(pairing, middle_of_stops, best.score, asked.seed)
+        alternatives |= _shifted_by_a_stop(pairing, middle_of_stops, best.score, request.seed)
     return _Estimate(refined, correlation, tuple(sorted(alternatives)), at_rest)
 
 
@@ -373,7 +373,7 @@ def _too_few(pairing: Pairing, origins: tuple[float, float], found: Interpolated
 
 def _assembled(
     streams: tuple[Stream, Stream],
-    given: Asked,
+    given: SyncRequest,
     pairing: Pairing,
     origins: tuple[float, float],
     at: float,
@@ -445,7 +445,7 @@ def _assembled(
     return result
 
 
-def _origin(given: Asked, estimate: _Estimate | None) -> str:
+def _origin(given: SyncRequest, estimate: _Estimate | None) -> str:
     """Return where the offset is from, in words."""
     if given.exact:
         return "given"

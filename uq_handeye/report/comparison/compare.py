@@ -205,7 +205,7 @@ def compare_rows(
     result = Comparison(
         rows=tuple(rows),
         reference=None if base is None else base.method,
-        asked_reference=reference,
+        requested_reference=reference,
         frame="X" if poses is None else SETUPS[poses.setup],
         setup=None if poses is None else poses.setup,
         n_poses=None if poses is None else poses.n,
@@ -406,7 +406,7 @@ class Compared(NamedTuple):
     note: str  # on the data that were compared
 
 
-def compare_beside(result: Calibration) -> Compared:
+def compare_result(result: Calibration) -> Compared:
     """All published methods on the data of the result, without the poses that it rejected; its X is the reference.
 
     The noise is that of the result, given or estimated there. No time is measured.

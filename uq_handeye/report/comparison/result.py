@@ -44,7 +44,7 @@ class Comparison:
 
     rows: tuple[Row, ...]
     reference: str | None  # what the differences are taken from; None: every method failed
-    asked_reference: str  # differs from `reference` where that method failed
+    requested_reference: str  # differs from `reference` where that method failed
     frame: str  # e.g. gripper_T_camera
     setup: str | None  # None for motions that came without poses
     n_poses: int | None
@@ -131,7 +131,7 @@ class Comparison:
             "units": {"rotation": "rad", "translation": "m", "time": "s"},
             **attributes(
                 self,
-                "reference asked_reference frame setup n_poses n_pairs n_pairs_available noise noise_estimated",
+                "reference requested_reference frame setup n_poses n_pairs n_pairs_available noise noise_estimated",
             ),
             "agrees_up_to_d2": CHI2_95,
             **attributes(self, "verdict warnings checks methods=rows"),

@@ -26,8 +26,6 @@ from ...core.presentation.document import (
 )
 from .result import Comparison, Row, apart, digits, to_rely_on, verdict, without_numbers
 
-# The verdict is in this column.
-_VERDICT = 3
 # Of each column its name and unit, and what a row shows there; the verdict needs the reference.
 _Show = Callable[["Row"], str]
 _COLUMNS: tuple[tuple[str, str, _Show], ...] = (
@@ -43,6 +41,8 @@ _COLUMNS: tuple[tuple[str, str, _Show], ...] = (
     ("time", "ms", lambda row: digits(row.seconds, MS_PER_S)),
     ("iter.", "", lambda row: str(row.iterations or "-")),
 )
+# The column of the verdict is the one without a heading.
+_VERDICT = [name for name, _, _ in _COLUMNS].index("")
 _SHORT = range(8)  # the columns of the first screen
 _SHORTER = range(6)  # where these are too wide for it
 _SHORT_LEGEND = (
@@ -75,7 +75,7 @@ _LEGEND = (
 def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
     """Return notes on deviations from the request; ``of_pairs``: also that not all pairs were used."""
     found = []
-    reference, asked = comparison.reference, comparison.asked_reference
+    reference, asked = comparison.reference, comparison.requested_reference
     if reference is not None and reference != asked:
         rely = to_rely_on(comparison[asked])
         found.append(f"{asked} gave no result{rely}: the reference is {reference}, the first that did.")

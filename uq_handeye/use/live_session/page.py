@@ -23,7 +23,7 @@ from .folder import board_text
 from .markup import MAX_ROWS_SHOWN, panel, summary
 from .nodes import Picture
 from .question import ONE_AT_A_TIME, Answer
-from .scene import Beside, Scene, touched
+from .scene import Extras, Scene, touched
 from .server import HOST, PORT
 from .session import Session
 from .sources import Source, feed
@@ -44,7 +44,7 @@ class Page(BrowserPage):
     host, port
         As of `Server`.
     touches : Touches, path or None
-        Points that were seen and touched, shown beside each answer.
+        Points that were seen and touched, shown with each answer.
     """
 
     def __init__(
@@ -228,12 +228,12 @@ class Page(BrowserPage):
             self._set(self._table, panel("poses", answer, self.selected, self._number._impl.uuid, MAX_ROWS_SHOWN))
             self._set(self._covered, panel("covered", answer.result))
             in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
-            self._scene.show(answer, self.selected, in_hand, self._beside(answer.poses, answer.result))
+            self._scene.show(answer, self.selected, in_hand, self._extras(answer.poses, answer.result))
 
-    def _beside(self, poses: PosePairs | None, result: Calibration | None) -> Beside:
+    def _extras(self, poses: PosePairs | None, result: Calibration | None) -> Extras:
         """Return pictures and touched points; what cannot be used is said where it was added."""
         if poses is None or result is None:
-            return Beside()
+            return Extras()
         pictures: list[Picture] = [
             (str(path), partial(_pixels, path)) for path in self.session.folder.pictures_of(poses)
         ]
@@ -244,7 +244,7 @@ class Page(BrowserPage):
                 self._set(self._said, panel("preformatted", points.words))
             except InputError as error:
                 self._set(self._said, panel("preformatted", str(error)))
-        return Beside(pictures, points)
+        return Extras(pictures, points)
 
 
 def _pixels(path: Path) -> NDArray[np.uint8] | None:

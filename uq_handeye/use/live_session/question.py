@@ -68,18 +68,18 @@ def _estimated(poses: PosePairs) -> NoiseAndShared:
 class Question:
     """Request to `calibrate` that is repeated after each pose, and the tolerance.
 
-    ``beside`` returns the noise and the shared errors that go with the poses, as `calibrate` takes them.
+    ``noise_and_shared`` returns the noise and the shared errors that go with the poses, as `calibrate` takes them.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
-    beside: Callable[[PosePairs], NoiseAndShared] = _estimated
+    noise_and_shared: Callable[[PosePairs], NoiseAndShared] = _estimated
     tolerance: Tolerance | None = None
 
     def calibrate(self, poses: PosePairs, left_out: tuple[int, ...] = ()) -> tuple[Calibration, NoiseAndShared]:
         """Return the calibration, and the noise and the shared errors that it was given."""
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)  # the result holds them as findings
-            noise, shared = self.beside(poses)
+            noise, shared = self.noise_and_shared(poses)
             result = calibrate(poses, noise=noise, shared=shared, exclude=list(left_out) or None, **self.options)
         return result, (noise, shared)
 

@@ -67,8 +67,8 @@ def touched(result: Calibration, touches: Touches | Path) -> Touched:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Drawings beside the answer: the picture of each pose, and touched points."""
+class Extras:
+    """Drawings that are shown with the answer: the picture of each pose, and touched points."""
 
     pictures: Sequence[Picture | None] = ()
     touched: Touched | None = None
@@ -101,7 +101,7 @@ class Scene:
         self._placed: str = ""
 
     def show(
-        self, answer: Answer, selected: int | None = None, in_hand: bool = True, beside: Beside = Beside()
+        self, answer: Answer, selected: int | None = None, in_hand: bool = True, extras: Extras = Extras()
     ) -> None:
         """Draw an answer; before there are poses a sketch of those to start with."""
         poses, result = answer.poses, answer.result
@@ -119,15 +119,15 @@ class Scene:
             in_hand = result.setup == "eye-in-hand"
             W = result.W if result.W is not None else np.mean(poses.robot @ result.X @ poses.camera, axis=0)
             moving = poses.robot @ (result.X if in_hand else W)
-            self._poses(answer, moving, distance, selected, in_hand, beside)
+            self._poses(answer, moving, distance, selected, in_hand, extras)
             ends = np.stack([poses.robot[:, :3, 3], moving[:, :3, 3]], axis=1)
             self.nodes.lines("/robot/mounts", ends, PALE, LINE * distance)
-            self._fixed(W if in_hand else result.X, distance, in_hand, beside, at)
+            self._fixed(W if in_hand else result.X, distance, in_hand, extras, at)
             self._ellipsoid(result, poses.robot[at] if in_hand else np.eye(4), distance)
             self._arm(result, poses.robot[at], distance)
             self._next(answer, W, distance, in_hand)
-            if beside.touched is not None:
-                self._touches(beside.touched, distance)
+            if extras.touched is not None:
+                self._touches(extras.touched, distance)
             fixed = (W if in_hand else result.X)[None, :3, 3]
             self._look("rig", np.concatenate([moving[:, :3, 3], poses.robot[:, :3, 3], fixed]), distance)
 
@@ -158,7 +158,7 @@ class Scene:
         self._look("sketch", np.concatenate([moving[:, :3, 3], T[None, :3, 3]]), 0.5)
 
     def _poses(
-        self, answer: Answer, moving: Array, distance: float, selected: int | None, in_hand: bool, beside: Beside
+        self, answer: Answer, moving: Array, distance: float, selected: int | None, in_hand: bool, extras: Extras
     ) -> None:
         """Draw what moves once for each pose, and say what is wrong with those that contradict the others."""
         n, tints = len(moving), colours(answer)
@@ -169,7 +169,7 @@ class Scene:
             size = distance * FRUSTUM * (1.5 if k == selected else 1.0)
             click = partial(self._clicked, k)
             if in_hand:
-                picture = beside.pictures[k] if k < len(beside.pictures) else None
+                picture = extras.pictures[k] if k < len(extras.pictures) else None
                 self.nodes.camera(name, moving[k], size, tints[k], wrong or k == selected, picture, click)
             else:
                 faint = not wrong and k != selected
@@ -178,13 +178,13 @@ class Scene:
                 text = f"pose {k}" + (f": {answer.result.table.status(k)}" if wrong else "")  # type: ignore[union-attr]
                 self.nodes.label(f"{name}/name", text, np.eye(4), "center-right")
 
-    def _fixed(self, T: Array, distance: float, in_hand: bool, beside: Beside, at: int) -> None:
+    def _fixed(self, T: Array, distance: float, in_hand: bool, extras: Extras, at: int) -> None:
         """Draw the target or the camera that does not move."""
         if in_hand:
             self.nodes.board("/target/board", T, 0.4 * distance, DARK)
             self.nodes.frame("/target/frame", T, 0.12 * distance, "target")
         else:
-            picture = beside.pictures[at] if at < len(beside.pictures) else None
+            picture = extras.pictures[at] if at < len(extras.pictures) else None
             self.nodes.camera("/camera/body", T, 2 * FRUSTUM * distance, OF_X, picture=picture)
             self.nodes.frame("/camera/frame", T, 0.12 * distance, "camera")
 

@@ -21,7 +21,7 @@ from .browser_page import BrowserPage
 from .markup import of_point, panel
 from .question import Answer
 from .rig_page import RigPage
-from .scene import Beside, Scene, touched
+from .scene import Extras, Scene, touched
 from .server import HOST, PORT
 
 
@@ -31,7 +31,7 @@ def view_page(
     """Return the page of a result, of one camera or of a rig."""
     if isinstance(result, RigCalibration):
         if touches is not None:
-            raise InputError("Touches are shown beside the result of one camera, not beside that of a rig.")
+            raise InputError("Touches are shown with the result of one camera, not with that of a rig.")
         return RigPage(result, host, port)
     return ViewPage(result, host, port, touches)
 
@@ -48,7 +48,7 @@ class ViewPage(BrowserPage):
         found = None if touches is None else touched(result, touches)
         super().__init__(host, port)
         self.result, self.poses = result, poses
-        self._answer, self._beside = Answer(poses.n, (), result.excluded, poses, result), Beside(touched=found)
+        self._answer, self._extras = Answer(poses.n, (), result.excluded, poses, result), Extras(touched=found)
         self._gui.add_html(panel("result", result))
         self._words = self._gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
@@ -91,5 +91,5 @@ class ViewPage(BrowserPage):
         with self._drawing:
             if self._pose.value != pose:
                 self._pose.value = pose
-            self._scene.show(self._answer, pose, beside=self._beside)
+            self._scene.show(self._answer, pose, extras=self._extras)
             self.predict()

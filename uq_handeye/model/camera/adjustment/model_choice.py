@@ -40,7 +40,7 @@ USUAL = {"pinhole": (), "brown": ("k1", "k2", "p1", "p2"), "fisheye": ("k1", "k2
 Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
 
 
-class Found(NamedTuple):
+class ModelFit(NamedTuple):
     """Result of the search for a model."""
 
     setting: Setting
@@ -50,7 +50,7 @@ class Found(NamedTuple):
 
 def search(
     corners: Corners, size: tuple[int, int], lenses: Sequence[Lens], shapes: Sequence[BoardShape], known: Known
-) -> Found:
+) -> ModelFit:
     """The best of all ``lenses`` with all ``shapes``, simple ones first, on the corners that a first fit keeps.
 
     Raises `InputError` where none fits.
@@ -59,7 +59,7 @@ def search(
         return _first_fit(corners, size, lenses[0], shapes[0], known)
     # A known k5 does not apply to a model without it.
     lenses = [lens for lens in lenses if set(known) <= set(MODELS[lens[0]].names)] or lenses
-    found: Found | None = None
+    found: ModelFit | None = None
     reasons = []
     for fisheye in (False, True):
         members = [lens for lens in lenses if (lens[0] == "fisheye") == fisheye]
@@ -83,14 +83,14 @@ def search(
         )
     setting, bundle, candidates = found
     bundle, _ = without_outliers(corners, partial(setting.fit, corners, (bundle.parameters, bundle.poses)), bundle)
-    return Found(setting, bundle, candidates)
+    return ModelFit(setting, bundle, candidates)
 
 
-def _first_fit(corners: Corners, size: tuple[int, int], lens: Lens, shape: BoardShape, known: Known) -> Found:
+def _first_fit(corners: Corners, size: tuple[int, int], lens: Lens, shape: BoardShape, known: Known) -> ModelFit:
     """Fit the corners only, without outliers."""
     setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
     bundle, _ = without_outliers(corners, partial(setting.fit, corners, setting.start(corners, size)))
-    return Found(setting, bundle, ())
+    return ModelFit(setting, bundle, ())
 
 
 def _best_of(
@@ -99,8 +99,8 @@ def _best_of(
     lenses: Sequence[Lens],
     shapes: Sequence[BoardShape],
     known: Known,
-    other: Found | None,
-) -> Found:
+    other: ModelFit | None,
+) -> ModelFit:
     """Return the best of nested lenses; ``other`` is the best of the lenses that these are not nested with."""
     # A first fit leaves the denominator of the rational model to later ones.
     few = [lens for lens in lenses if "k6" not in lens[1]] or lenses
@@ -109,7 +109,7 @@ def _best_of(
         first = _first_fit(corners, size, lens, shapes[0], known)
     else:
         setting = Setting.of(MODELS[lens[0]], lens[1], known, other.setting.shape)
-        first = Found(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
+        first = ModelFit(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
         if not _bic(first) < _bic(other) - CLEAR_BIC_DIFFERENCE:  # then no shape of the board will make it the best
             return first._replace(candidates=(_candidate(first, lens),))
     by_name = {shape.name: shape for shape in shapes}
@@ -130,7 +130,7 @@ def _best_of(
                 starts.append(setting.start(corners, size))
         for start in starts:
             with suppress(InputError):
-                found = Found(setting, setting.fit(corners, start, first.bundle.used), ())
+                found = ModelFit(setting, setting.fit(corners, start, first.bundle.used), ())
                 if _bic(found) < tried[lens, name].bic:
                     fitted[lens, name], tried[lens, name] = found, _candidate(found, lens)
 
@@ -168,13 +168,13 @@ def _squares(bundle: Bundle) -> float:
     return float(np.sum(bundle.residuals[bundle.used] ** 2))
 
 
-def _bic(found: Found) -> float:
+def _bic(found: ModelFit) -> float:
     bundle = found.bundle
     if not bundle.converged:
         return float("inf")
     return criterion(_squares(bundle), 2 * int(bundle.used.sum()), len(bundle.poses), int(bundle.free.sum()))
 
 
-def _candidate(found: Found, lens: Lens) -> Candidate:
+def _candidate(found: ModelFit, lens: Lens) -> Candidate:
     rms = float(np.sqrt(np.mean(found.bundle.residuals[found.bundle.used] ** 2)))
     return Candidate(*lens, _bic(found), rms, found.bundle.shape.name)

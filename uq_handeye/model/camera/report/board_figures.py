@@ -23,7 +23,7 @@ from ....core.geometry.se3 import Array
 from ....core.presentation.colours import INK, ON_MAP, ORANGE, QUIET
 from ....core.presentation.figure_parts import MAP_HALO, SMALL, TEXT, WIDTH, Picture, finished, plain, round_number
 from ..calibrated import Calibrated
-from .frames import framed, marked, named_axes, scale_beside
+from .frames import add_colour_scale, framed, marked, named_axes
 from .text import board_pattern_words, board_words
 
 # Both signs, dark where far from 0; contours and labels say the same in grey.
@@ -46,7 +46,7 @@ def board_map(cam: Calibrated) -> Picture | None:
     axis.plot(*at.T, ".", color=ON_MAP, markersize=2.0, markeredgewidth=0)
     _board_axes(axis, cam)
     axis.grid(visible=False)
-    scale_beside(figure, axis, filled, "height along z, away from the camera (mm)")
+    add_colour_scale(figure, axis, filled, "height along z, away from the camera (mm)")
     named = [
         marked(axis, at[j], f"{name}: {height[j]:.2f}", middle)
         for j, name in ((int(np.argmin(height)), "lowest"), (int(np.argmax(height)), "highest"))
@@ -99,7 +99,7 @@ def by_point(cam: Calibrated) -> Picture:
     )  # fmt: skip
     named = "flat" if board.flat else f"as measured ({cam.shape})"
     axis.set_title(f"{named}: {found.share:.2f} of the noise", fontsize=TEXT, loc="left")
-    scale_beside(figure, axis, dots, "off along z (mm)")
+    add_colour_scale(figure, axis, dots, "off along z (mm)")
     arrow = axis.plot([], [], color=INK, linewidth=1.2, label=f"off in the plane, {factor:,g} times enlarged")
     figure.legend(handles=arrow, loc="outside lower center", frameon=False, fontsize=SMALL)
     if found.found and not cam.pattern.found:

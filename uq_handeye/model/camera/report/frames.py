@@ -45,7 +45,7 @@ def named_axes(
         line.set_major_locator(MaxNLocator(nbins=most, integer=integer, steps=steps))
 
 
-def scale_beside(figure: Figure, axis: Axes, drawn: ScalarMappable, name: str) -> Colorbar:
+def add_colour_scale(figure: Figure, axis: Axes, drawn: ScalarMappable, name: str) -> Colorbar:
     """Colour bar of a map, with the name of its quantity."""
     bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
     bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)

@@ -14,7 +14,7 @@ from ....core.numbers.limits import MAX_DRAWN_POINTS
 from ....core.presentation.colours import GREEN, ON_MAP, QUIET
 from ....core.presentation.figure_parts import SMALL, Picture, finished, plain
 from ..calibrated import Calibrated, certainty, distances, tilts
-from .frames import framed, marked, named_axes, picture_canvas, scale_beside
+from .frames import add_colour_scale, framed, marked, named_axes, picture_canvas
 from .text import boards_words
 
 
@@ -36,7 +36,7 @@ def over_certainty(cam: Calibrated) -> Picture | None:
         *cam.corners.pixels[used].T, ".", color=ON_MAP, markersize=1.0 if many else 2.0, markeredgewidth=0,
         rasterized=many,
     )  # fmt: skip
-    bar = scale_beside(figure, axis, drawn, "standard deviation (pixels)")
+    bar = add_colour_scale(figure, axis, drawn, "standard deviation (pixels)")
     bar.set_ticks(levels[::2].tolist(), labels=[fixed(level, 2) for level in levels[::2]])
     for k, name in ((int(np.nanargmin(deviation)), "best"), (int(np.nanargmax(deviation)), "worst")):
         at = np.array([u.flat[k], v.flat[k]])

@@ -65,18 +65,18 @@ class Evidence(NamedTuple):
         return "4dpa-poses" if self.on_poses else "4dpa-pairs"
 
 
-Found = tuple[bool | None, str, str]  # whether it holds, text with numbers, advice
+Judgement = tuple[bool | None, str, str]  # whether it holds, text with numbers, advice
 
 
-_LAWS: list[tuple[str, str, bool, tuple[str, ...], tuple[str, ...], Callable[[Evidence], Found]]] = []
+_LAWS: list[tuple[str, str, bool, tuple[str, ...], tuple[str, ...], Callable[[Evidence], Judgement]]] = []
 
 
 def _relation(
     name: str, statement: str, keys: str = "", methods: str = "", law: bool = True
-) -> Callable[[Callable[[Evidence], Found]], Callable[[Evidence], Found]]:
+) -> Callable[[Callable[[Evidence], Judgement]], Callable[[Evidence], Judgement]]:
     """Put a judge into the table, with the rows and the runs that it needs; ``{own}``: 4DPA's row for this noise."""
 
-    def put(judge: Callable[[Evidence], Found]) -> Callable[[Evidence], Found]:
+    def put(judge: Callable[[Evidence], Judgement]) -> Callable[[Evidence], Judgement]:
         _LAWS.append((name, statement, law, tuple(keys.split()), tuple(methods.split()), judge))
         return judge
 
@@ -95,7 +95,7 @@ def _judged(
     law: bool,
     keys: tuple[str, ...],
     methods: tuple[str, ...],
-    judge: Callable[[Evidence], Found],
+    judge: Callable[[Evidence], Judgement],
 ) -> Relation:
     """Return the relation with its verdict, or with the reason why there is none."""
     needed = [key.format(own=e.own) for key in keys]
@@ -120,7 +120,7 @@ _FIRST_ORDER = "The errors of {} in Monte Carlo have the covariance that first o
 _BOUND = "The errors of `{}` in Monte Carlo have the covariance of the Cramer-Rao bound"
 
 
-def _sampled_equals(e: Evidence, method: str, key: str, what: str) -> Found:
+def _sampled_equals(e: Evidence, method: str, key: str, what: str) -> Judgement:
     """(1) to (4)"""
     r = _of_run(e, method, key.format(own=e.own))
     text = f"standard deviations sampled are {r.text} those of {what}; {r.margin}{_left_out(e, method)}"
@@ -157,7 +157,7 @@ for _name, _method, _row, _statement, _what in (
 @_relation(
     "posterior-bound", "The posterior has the covariance of the Cramer-Rao bound, not that of 4DPA", "bound posterior"
 )
-def _posterior(e: Evidence) -> Found:
+def _posterior(e: Evidence) -> Judgement:
     """(5)"""
     C, P = e.covariances["bound"], e.covariances["posterior"]
     r = ratios(P, C, e.effective)
@@ -173,7 +173,7 @@ def _posterior(e: Evidence) -> Found:
 
 
 @_relation("none-below-bound", "No method has a smaller covariance than the Cramer-Rao bound", "bound")
-def _none_below(e: Evidence) -> Found:
+def _none_below(e: Evidence) -> Judgement:
     """(6)"""
     told = [method for method, run in e.runs.items() if run.consistency.sums.count >= MIN_TRIALS_FOR_SPREAD]
     found = {method: _of_run(e, method, "bound") for method in told}
@@ -205,7 +205,7 @@ _PARTS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
     "Nguyen and Pham's own covariance of the rotation is not below the Cramer-Rao bound",
     "nguyen-own bound",
 )
-def _nguyen_not_below(e: Evidence) -> Found:
+def _nguyen_not_below(e: Evidence) -> Judgement:
     """(7): their rotation uses a part of the data, so that it cannot be better than all of them."""
     r = ratios(e.covariances["nguyen-own"], e.covariances["bound"], part=_PARTS["rotation"])
     text = f"standard deviations are {r.text} the bound's"
@@ -221,7 +221,7 @@ def _nguyen_not_below(e: Evidence) -> Found:
     "nguyen-own bound",
     law=False,
 )
-def _nguyen_near(e: Evidence) -> Found:
+def _nguyen_near(e: Evidence) -> Judgement:
     """(7), a claim: their translation leaves out what it shares with the rotation, and may be too small."""
     S, C = e.covariances["nguyen-own"], e.covariances["bound"]
     found = {name: ratios(S, C, part=part) for name, part in _PARTS.items()}
@@ -248,7 +248,7 @@ def _nguyen_near(e: Evidence) -> Found:
     "4dpa",
     law=False,
 )
-def _nguyen_below_4dpa(e: Evidence) -> Found:
+def _nguyen_below_4dpa(e: Evidence) -> Judgement:
     """(7), a claim: that of the paper's Fig. 5."""
     P, S, T, kurtosis = e.covariances["nguyen-own"], *_sampled(e)
     per_axis = _per_axis(P, S)
@@ -269,7 +269,7 @@ def _nguyen_below_4dpa(e: Evidence) -> Found:
 @_relation(
     "literal-too-small", "The covariance of the paper's (45) as printed is far too small", "4dpa-literal", "4dpa"
 )
-def _literal(e: Evidence) -> Found:
+def _literal(e: Evidence) -> Judgement:
     """(8)"""
     S, T, kurtosis = _sampled(e)
     per_axis = _per_axis(S, e.covariances["4dpa-literal"])  # by axes: (45) may be singular
@@ -291,7 +291,7 @@ def _literal(e: Evidence) -> Found:
     "4dpa-pairs 4dpa-poses",
     "4dpa",
 )
-def _shared(e: Evidence) -> Found:
+def _shared(e: Evidence) -> Judgement:
     """(9), of noise on poses."""
     if not e.shared:
         return None, "no two pairs share a pose: both covariances are the same", ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +13,8 @@ from ..monte_carlo.consistency import HARMLESS_SD_ERROR
 from ..monte_carlo.sums import UNITS
 from ..outcome import limit, limit_blocks
 from .relations import Relation
-from .rows import METHODS, Row
-
-if TYPE_CHECKING:
-    pass
 from .result import CrossCheck
+from .rows import METHODS, Row
 
 WHO = "The cross-check"
 

@@ -25,7 +25,6 @@ from scipy.linalg import solve_triangular
 
 from ....core.geometry.se3 import Array
 from ....core.numbers.levels import RARE
-from ....core.numbers.rounding import TINY
 
 LogDensity = Callable[[Array], Array]
 # Degrees of freedom of the proposal: heavier tails than the posterior, or a walker far out would stay there.
@@ -86,14 +85,12 @@ class Peak(NamedTuple):
     log_weight: float
 
 
-def maximum_of(
-    density: LogDensity, start: Array, *, spacing: float = 0.05, max_step: float = 3.0, gain: float = 1e-3
-) -> Peak:
+def maximum_of(density: LogDensity, start: Array, *, spacing: float = 0.05, gain: float = 1e-3) -> Peak:
     """Laplace's approximation: the maximum near ``start`` (d,) and the Gaussian there.
 
     Newton with derivatives by central differences, one batched call per step; where the density is not concave the
     curvature is taken by its size. It need not be exact: a chain corrects what it misses. In whitened coordinates:
-    ``spacing`` of the differences, longest step, and the smallest gain that is worth another step.
+    ``spacing`` of the differences, and the smallest gain that is worth another step.
     """
     at, d = start, len(start)
     unit = spacing * np.eye(d)
@@ -113,7 +110,6 @@ def maximum_of(
         curvature = np.clip(np.abs(curvature), 1e-2, None)
         factor = np.asarray(np.linalg.cholesky((axes / curvature) @ axes.T))
         step = axes @ (axes.T @ gradient / curvature)
-        step *= min(1.0, max_step / max(float(np.linalg.norm(step)), TINY))
         tries = density(at + lengths[:, None] * step)
         best = int(np.argmax(tries))
         if not tries[best] > value + gain:
