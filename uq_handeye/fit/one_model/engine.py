@@ -271,12 +271,14 @@ class LatentModel(ReadOnlyArrays):
     def solved(self, theta: Array) -> Solved:
         """Return f, the mean of x and z, and the factors of H."""
         key = theta.tobytes()
-        if key not in self._latest:
-            self._latest.clear()
+        found = self._latest.get(key)
+        if found is None:
             s = self.sizes(theta)
             halves, grams, A, logs = self._whitened(s[None])
-            self._latest[key] = replace(self._of_sums(theta, s, grams[0], float(logs[0])), halves=halves, A=A[0])
-        return self._latest[key]
+            found = replace(self._of_sums(theta, s, grams[0], float(logs[0])), halves=halves, A=A[0])
+            self._latest.clear()
+            self._latest[key] = found
+        return found
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
         """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` and ``sum log|L|`` at sizes s (t, components)."""
