@@ -229,6 +229,20 @@ class Gaussian:
         return Mode(State(self.centre, value, np.zeros(k), self.information, np.zeros(0)), True, ())
 
 
+def test_where_a_search_ended_nothing_is_solved_again(rng, monkeypatch):
+    model, solved = model_of("eye-in-hand", rng), []
+    theta = model.medians + 0.1
+    fresh = replace(model).of_poses(theta)
+    whitened = LatentModel._whitened
+    monkeypatch.setattr(LatentModel, "_whitened", lambda self, s: solved.append(s) or whitened(self, s))
+    mode = model.solved(theta)
+    again = model.of_poses(theta)
+    assert len(solved) == 1 and mode is model.solved(theta)
+    np.testing.assert_allclose(again.mean, fresh.mean, rtol=1e-9, atol=1e-12)
+    assert_same_covariance(again.covariance, fresh.covariance, 1e-9)
+    assert model.solved(theta + 0.1).value != mode.value and len(solved) == 2
+
+
 @pytest.mark.parametrize("k", [1, 2, 4, 9])
 def test_mean_and_covariance_of_a_gaussian_posterior_are_exact(k, rng):
     target = Gaussian(rng, k)
