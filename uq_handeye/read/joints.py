@@ -22,6 +22,7 @@ from .pairing_by_time import SYNCHRONOUS_S, check_tolerance, nearest
 
 if TYPE_CHECKING:
     from ..model.kinematics.chain import Kinematics
+    from ..model.kinematics.joint_readings import JointSeries
     from ..model.kinematics.joints_file import NamedJoints
 
 
@@ -34,6 +35,8 @@ class Joints:
     kinematics: Kinematics
     source: Source
     name: str  # of the file, for messages
+    series: JointSeries | None = None  # columns of which the first were read
+    pendant: bool = False  # joint 3 was said to be as FANUC's pendant shows it
 
     def __len__(self) -> int:
         return len(self.values)
@@ -118,7 +121,7 @@ def read_joint_file(path: StrPath | NamedJoints, kinematics: Kinematics, units: 
         with opened(location, MAX_TABLE_BYTES) as file:
             data = file.read()
     source = Source(short, "joints", len(data), sha256(data).hexdigest(), tuple(found.notes))
-    return Joints(found.q, found.timestamps, kinematics, source, name)
+    return Joints(found.q, found.timestamps, kinematics, source, name, found.series, found.pendant)
 
 
 def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:

@@ -238,7 +238,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
     sources = (*sources, *robot.joint_source)
     findings = (*chosen.findings, *inverted)
     poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=findings)
-    return poses if values is None or robot.arm is None else give_joints(poses, values, robot.arm.name)
+    return robot.give_joints(poses, values)
 
 
 class _Robot(NamedTuple):
@@ -251,10 +251,25 @@ class _Robot(NamedTuple):
     arm: Joints | None
 
     def joints_at(self, side: Side, tolerance: float) -> Array | None:
-        """Return the joint values at the rows of the robot."""
+        """Return the joint values at the rows of the robot, and those of a longer series of columns behind them."""
         if self.arm is None:
             return None
-        return self.arm.at_rows(side, tolerance) if self.file else self.arm.values
+        arm = self.arm
+        if arm.series is not None:
+            arm = replace(arm, values=np.hstack([arm.values, arm.series.values]))
+        return arm.at_rows(side, tolerance) if self.file else arm.values
+
+    def give_joints(self, poses: PosePairs, values: Array | None) -> PosePairs:
+        """Return the pairs with the joint values of `joints_at` at their rows, in the reading that the poses show."""
+        if self.arm is None or values is None:
+            return poses
+        from .joint_readings import read_by_the_poses
+
+        L = self.arm.kinematics.n_joints
+        poses = give_joints(poses, values[:, :L], self.arm.name)
+        rows = np.isfinite(values[:, :L]).all(axis=1)
+        series = None if self.arm.series is None else values[rows, L:]
+        return read_by_the_poses(poses, self.arm, series, by_controller=self.file)
 
     @property
     def joint_source(self) -> tuple[Source, ...]:
@@ -308,7 +323,7 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, request: Rea
         camera_covariance=covariance,
         camera_calibration=seen.pictures,
     )
-    return pairs if values is None or robot.arm is None else give_joints(pairs, values[rows], robot.arm.name)
+    return robot.give_joints(pairs, None if values is None else values[rows])
 
 
 def read_stream(

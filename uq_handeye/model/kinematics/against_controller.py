@@ -8,16 +8,14 @@ by the axes of the relative rotations (R_E), the mean (R_B), linear least square
 steps, on none of which the frames depend much. Each fit is repeated on the poses that it explains best, so that a row
 whose joints are of another moment does not affect it.
 
-Where no fit explains the poses they are of another arm, or one of the two files is misread. Then joints in
-degrees for radians, in another order, with another sign or zero, robot poses inverted or in millimetres, and rows that
-are shifted by one are tried.
+Where no fit explains the poses they are of another arm, or one of the two files is misread. Then other readings of the
+joints (`joint_readings`), robot poses inverted or in millimetres, and rows that are shifted by one are tried.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,6 +30,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding
 from .forward import LEVER_M
+from .joint_readings import likely_readings, single_readings
 
 if TYPE_CHECKING:
     from .chain import Kinematics
@@ -160,8 +159,12 @@ class ControllerComparison(ReadOnlyArrays):
         }
 
 
-def compare_with_controller(kinematics: Kinematics, joints: Array, robot: Array) -> ControllerComparison:
+def compare_with_controller(
+    kinematics: Kinematics, joints: Array, robot: Array, *, explain: bool = True
+) -> ControllerComparison:
     """Compare the controller's poses base_T_gripper (n, 4, 4) with the chain at ``joints`` (n, L), rad and m.
+
+    ``explain``: look for another reading where they are of another arm.
 
     Raises `InputError` for other shapes.
     """
@@ -176,7 +179,7 @@ def compare_with_controller(kinematics: Kinematics, joints: Array, robot: Array)
         & (_beyond(fit.rotation, kept, MIN_REPORTED_ERROR[0]) | _beyond(fit.translation, kept, MIN_REPORTED_ERROR[1]))
     ).tolist()
     found = ControllerComparison(fit.base, fit.tool, fit.rotation, fit.translation, tuple(apart))
-    if found.same_arm:
+    if found.same_arm or not explain:
         return found
     found = replace(found, apart=())
     if (reading := _explaining(kinematics, np.asarray(joints, dtype=float), G)) is not None:
@@ -336,10 +339,8 @@ def _explaining(kinematics: Kinematics, q: Array, G: Array) -> _Reading | None:
 
 
 def _readings(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
-    names, n_joints = kinematics.names, kinematics.n_joints
-    turns = np.array([joint.kind == "revolute" for joint in kinematics.joints])
-    yield _Reading("degrees", (), np.where(turns, np.radians(q), q), G)
-    yield _Reading("radians", (), np.where(turns, np.degrees(q), q), G)
+    for of_joints in likely_readings(kinematics, q):
+        yield _Reading(*of_joints, G)
     yield _Reading("inverted", (), q, inverse(G))
     for factor, name in ((1e-3, "millimetres"), (1e3, "metres")):
         scaled = G.copy()
@@ -347,36 +348,5 @@ def _readings(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
         yield _Reading(name, (), q, scaled)
     yield _Reading("rows later", (), q[1:], G[:-1])
     yield _Reading("rows earlier", (), q[:-1], G[1:])
-    for k in np.flatnonzero(turns):
-        flipped = q.copy()
-        flipped[:, k] *= -1.0
-        yield _Reading("sign", (names[k],), flipped, G)
-    for order in _orders(n_joints):
-        yield _Reading("order", tuple(names[k] for k in np.argsort(order)), q[:, order], G)
-    for k in np.flatnonzero(turns):
-        for quarter in (0.5 * np.pi, -0.5 * np.pi, np.pi):
-            moved = q.copy()
-            moved[:, k] += quarter
-            yield _Reading("zero", (names[k],), moved, G)
-
-
-def _orders(n: int) -> Iterator[list[int]]:
-    """Yield orders of n joints, likely ones first, and all of them of up to six joints.
-
-    ``order[k]`` is the column that holds joint k.
-    """
-    seen = {tuple(range(n))}
-
-    def likely() -> Iterator[tuple[int, ...]]:
-        yield tuple(range(n))[::-1]
-        for i, j in combinations(range(n), 2):
-            order = list(range(n))
-            order[i], order[j] = j, i
-            yield tuple(order)
-        if n <= 6:
-            yield from permutations(range(n))
-
-    for order in likely():
-        if order not in seen:
-            seen.add(order)
-            yield list(order)
+    for of_joints in single_readings(kinematics, q):
+        yield _Reading(*of_joints, G)

@@ -185,11 +185,15 @@ def require_within_limits(
             other, flag = ("degrees", "deg") if revolute else ("millimetres", "mm")
         elif _inside(q / smaller, checked, near, same) and with_unit[k]:
             other, flag = ("radians", "rad") if revolute else ("metres", "m")
-        hint = (
-            f"in {other}? {remedy.format(unit=flag)}"
-            if other
-            else "is this the arm of the URDF? Correct the limits there if the joint may stand so."
-        )
+        alone, large = np.arange(len(kinds)) == k, np.abs(q).max(axis=0) > 2 * np.pi
+        if revolute and large[k] and large.sum() == 1 and same.sum() > 2 and _inside(q * DEGREE, checked, near, alone):
+            hint = f"is its column in degrees and the others in radians? Or all: {remedy.format(unit='deg')}"
+        elif other:
+            hint = f"in {other}? {remedy.format(unit=flag)}"
+        elif _inside(-q, checked, near, alone):
+            hint = "has its column the other sign, or is this another arm?"
+        else:
+            hint = "is this the arm of the URDF? Correct the limits there if the joint may stand so."
         raise InputError(f"{at(row)}, joint {names[k]}: {_outside(q[row, k], checked[k], revolute)}; {hint}")
     if (beyond > CHAIN_ROUNDING).any():
         row, k = (int(i) for i in np.argwhere(beyond > CHAIN_ROUNDING)[0])

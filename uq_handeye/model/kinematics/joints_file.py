@@ -9,8 +9,9 @@ of ``rostopic echo -p``, with the names of a ``JointState`` in columns ``name0``
 Arrays: ``.npy`` (n, L) in the order of the arm, or ``.npz`` with the array ``q``, ``joints``, ``joint_positions`` or
 ``position`` (n, L), ``names`` (L) of its columns, and ``timestamps`` (n).
 
-Values are in rad and m unless the header or the caller says otherwise. Degrees that are read as radians lie far outside
-the limits of the joints, and are refused.
+Values are in rad and m unless the header or the caller says otherwise. Joint 3 of a FANUC arm is the angle between
+upper arm and forearm, unless the caller says that it is the pendant's (`joint_readings`). Degrees that are read as
+radians lie far outside the limits of the joints, and are refused.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import re
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,12 @@ from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
 from .joint_columns import Joints, joint_columns
+from .joint_readings import JointSeries, is_coupled, uncoupled
 
 # Lists of names in rows that name their joints.
 MAX_ORDERS = 1000
+# Word among the units: joint 3 is as FANUC's pendant shows it.
+PENDANT = "pendant"
 DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
 
 _NUMBERED = re.compile(r"(?:.*[./])?(name|position)[_.]?\[?(\d{1,6})\]?")
@@ -64,6 +68,8 @@ class JointTable(NamedTuple):
     timestamps: Array | None  # (n,) s
     q: Array  # (n, L) rad, m, in the order of the arm
     notes: tuple[str, ...]  # what was found out, in words
+    series: JointSeries | None = None  # columns of which the first were read
+    pendant: bool = False  # joint 3 was said to be as FANUC's pendant shows it
 
 
 @dataclass
@@ -73,6 +79,8 @@ class _Wanted:
     joints: Joints
     limits: Array | None
     units: dict[str, str]  # by kind
+    coupled: bool = False  # FANUC's pendant would show joint 3 from the horizontal
+    pendant: bool = False  # it is said to be so
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -90,6 +98,8 @@ class _Columns:
 
     time: tuple[int, float] | None = None  # column, seconds per unit
     joints: list[int] = field(default_factory=list)  # columns of the joints, in the order of the arm
+    series: list[int] = field(default_factory=list)  # columns of a series that is longer than the arm
+    series_names: tuple[str, ...] = ()
     units: list[str | None] = field(default_factory=list)  # of each joint, as its column says
     by_row: list[tuple[int, int]] = field(default_factory=list)  # columns of name and value, where rows name the joints
 
@@ -105,6 +115,8 @@ class _Columns:
         if left := [name for k, name in enumerate(names) if k not in used]:
             wanted.notes.append(f"not used: the columns {short(', '.join(left))}")
         if found.series:
+            self.series = [k for k, _ in found.series]
+            self.series_names = tuple(names[k] for k in self.series)
             n, first, last = len(found.series), *(names[found.series[k][0]] for k in (0, -1))
             warnings.warn(
                 f"{where}: {short(first)} to {short(last)} are {n} columns, and the arm has {len(self.joints)} joints: "
@@ -123,7 +135,8 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
     arm : Kinematics, or names of revolute joints
         Its joint limits tell degrees from radians.
     units : str or None
-        Unit of columns that say none, such as ``"deg"``, ``"mm"`` or ``"deg,mm"``; left out, rad and m.
+        Unit of columns that say none, such as ``"deg"``, ``"mm"`` or ``"deg,mm"``; left out, rad and m. With
+        ``pendant`` among them, as ``"deg,pendant"``, J3 of a FANUC arm counts from the horizontal.
 
     Raises
     ------
@@ -140,9 +153,10 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
     wanted = _wanted(arm, units)
     times: Array | None
     lines: NDArray[np.int64] | None = None
+    columns = _Columns()
     if isinstance(path, NamedJoints):
         name = path.name
-        times, (values, named) = path.times, _by_name(path.values, list(path.names), wanted, name, name)
+        times, (values, columns) = path.times, _by_name(path.values, list(path.names), wanted, name, name)
     else:
         path = as_path(path)
         name = shown(path)
@@ -152,24 +166,28 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
                 data = file.read(MAX_TABLE_BYTES + 1)
                 if len(data) > MAX_TABLE_BYTES:
                     raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB, got more.")
-                times, values, named = _from_arrays(data, name, wanted)
+                times, values, columns = _from_arrays(data, name, wanted)
             else:
-                times, values, named, lines = _from_csv(file, name, wanted)
-    at = _row_names(name, lines)
+                times, values, columns, lines = _from_csv(file, name, wanted)
+    at, L = _row_names(name, lines), len(wanted.names)
     if times is not None:
         rows = rows_once(np.column_stack([times, values]))
         if len(rows) < len(values):
             wanted.notes.append(repeats_note(len(values) - len(rows)))
             times, values, lines = times[rows], values[rows], None if lines is None else lines[rows]
             at = _row_names(name, lines)
-    _check_finite(values, wanted, at)
-    q = _in_units(values, named, wanted, at, name)
+    _check_finite(values[:, :L], wanted, at)
+    q = _in_units(values[:, :L], columns.units, wanted, at, name)
     if times is not None:
         if not np.isfinite(times).all():
             raise InputError(f"{at(int(np.argmin(np.isfinite(times))))}: expected a finite timestamp.")
         if (twins := first_duplicate(times)) is not None:
             raise InputError(f"{at(twins[1])}: the timestamp repeats that of {at(twins[0]).removeprefix(f'{name}, ')}.")
-    return JointTable(times, q, tuple(wanted.notes))
+    series = None
+    if columns.series:
+        unit = ANGLE_UNITS[columns.units[0] or wanted.units.get(REVOLUTE) or "rad"]
+        series = JointSeries(columns.series_names, unit * values[:, L:])
+    return JointTable(times, q, tuple(wanted.notes), series, wanted.pendant)
 
 
 def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
@@ -180,16 +198,26 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
     else:
         joints, limits = Joints("", tuple(arm), (REVOLUTE,) * len(arm)), None
     said: dict[str, str] = {}
+    coupled, pendant = isinstance(arm, Kinematics) and is_coupled(arm), False
     if units is not None:
         for word in units.split(",") if isinstance(units, str) else [repr(units)]:
+            if word.strip() == PENDANT and not pendant:
+                pendant = True
+                if not coupled:
+                    raise InputError(
+                        f"`units` (--joint-units) {PENDANT}: for the six axes of a FANUC arm, whose J3 counts from the "
+                        "horizontal. Leave it out."
+                    )
+                continue
             kind = _kind_of_unit(word.strip())
             if kind is None or kind in said:
                 known = ", ".join((*ANGLE_UNITS, *LENGTH_UNITS))
                 raise InputError(
-                    f"Expected `units` (--joint-units) such as deg, mm or 'deg,mm' of {known}, got {units!r}."
+                    f"Expected `units` (--joint-units) such as deg, mm, 'deg,mm' or 'deg,{PENDANT}' of {known}, got "
+                    f"{units!r}."
                 )
             said[kind] = word.strip()
-    return _Wanted(joints, limits, said)
+    return _Wanted(joints, limits, said, coupled, pendant)
 
 
 def _kind_of_unit(unit: str) -> str | None:
@@ -236,23 +264,41 @@ def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Calla
             with_unit[k] = unit is not None or said is not None
         if of_kind and (known := (units - {None}) or ({said} if said else set())):
             wanted.notes.append(f"{kind} joints in {', '.join(sorted(map(str, known)))}")
-    require_within_limits(q, wanted.names, wanted.kinds, wanted.limits, with_unit, at)
+    if wanted.pendant:
+        q = uncoupled(q)
+        wanted.notes.append("joint 3 is J3 + J2 of the pendant")
+    of_arm = wanted.names, wanted.kinds, wanted.limits, with_unit, at
+    try:
+        require_within_limits(q, *of_arm)
+    except InputError as error:
+        if not wanted.coupled or wanted.pendant or not _is_within(uncoupled(q), *of_arm):
+            raise
+        problem, said = str(error).rpartition(";")[0], ",".join([*wanted.units.values(), PENDANT])
+        raise InputError(f"{problem}; is it J3 of FANUC's pendant? Give --joint-units {said}.") from error
     return q
+
+
+def _is_within(q: Array, *of_arm: Any) -> bool:
+    with warnings.catch_warnings(action="ignore"):
+        try:
+            require_within_limits(q, *of_arm)
+        except InputError:
+            return False
+    return True
 
 
 # CSV
 
 
-def _from_csv(
-    file: BinaryIO, name: str, wanted: _Wanted
-) -> tuple[Array | None, Array, list[str | None], NDArray[np.int64]]:
+def _from_csv(file: BinaryIO, name: str, wanted: _Wanted) -> tuple[Array | None, Array, _Columns, NDArray[np.int64]]:
     columns = _Columns()
 
     def places(names: list[str], line: str, where: str) -> Places:
         nonlocal columns
         columns = _header(names, where, wanted)
         time = [] if columns.time is None else [columns.time[0]]
-        return Places([*time, *(columns.joints or [k for _, k in columns.by_row])], [k for k, _ in columns.by_row])
+        used = [*columns.joints, *columns.series] or [k for _, k in columns.by_row]
+        return Places([*time, *used], [k for k, _ in columns.by_row])
 
     def named(names: list[str]) -> bool:
         return any(joint in name for joint in wanted.names for name in names)
@@ -266,7 +312,7 @@ def _from_csv(
         values = _sorted_rows(table, values, wanted)
     if times is None:
         wanted.notes.append("no timestamp column")
-    return times, values, columns.units, table.lines
+    return times, values, columns, table.lines
 
 
 def _by_blanks(file: BinaryIO, wanted: _Wanted) -> bool:
@@ -320,8 +366,8 @@ def _sorted_rows(table: Table, values: Array, wanted: _Wanted) -> Array:
 # NumPy
 
 
-def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None, Array, list[str | None]]:
-    none: list[str | None] = [None] * len(wanted.names)
+def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None, Array, _Columns]:
+    none = _Columns(units=[None] * len(wanted.names))
     if data.startswith(b"\x93"):
         wanted.notes.append("columns in the order of the arm")
         return None, _shaped(read_one_array(data, name), len(wanted.names), name), none
@@ -345,12 +391,12 @@ def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None,
     return times, *_by_name(values.astype(float), names, wanted, name, where)
 
 
-def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, list[str | None]]:
-    """Columns in the order of the arm, and the unit that the name of each says."""
+def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, _Columns]:
+    """Columns in the order of the arm, then those of a longer series, and what they are."""
     q = _shaped(values, len(names), where)
     columns = _Columns()
     columns.take(names, wanted, name)
-    return q[:, columns.joints], columns.units
+    return q[:, [*columns.joints, *columns.series]], columns
 
 
 def _shaped(values: Array, n_columns: int, where: str) -> Array:

@@ -1,0 +1,136 @@
+"""Choice of the reading of joint values by the other poses, those of the controller beside them or of the camera.
+
+Joint 3 of a FANUC arm is read in both ways, as the joint and as the pendant shows it, and the way is taken by which the
+poses agree, with a finding that says so. Where joints without poses of the controller disagree with the camera, the
+other readings of `model.kinematics.joint_readings` are tried, and one that fits is named; what confirms it is an option
+or a change of the columns. Joints beside poses of the controller are judged by `calibrate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain as one_by_one
+from pathlib import PurePath
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.geometry.se3 import Array, inverse
+from ..core.numbers.limits import MIN_POSES_TO_DECIDE
+from ..core.numbers.rounding import CHAIN_ROUNDING
+from ..findings import Finding
+from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
+from ..model.kinematics.against_controller import compare_with_controller
+from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.joint_readings import (
+    COUPLED,
+    JointReading,
+    JointSeries,
+    is_coupled,
+    likely_readings,
+    single_readings,
+    uncoupled,
+)
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import rotation_angles
+from .joints import Joints
+from .readings import DECISIVE_RATIO
+
+# Poses that are looked at; one reading holds for all rows of a file.
+MAX_POSES_TRIED = 60
+
+
+class _Misfit(NamedTuple):
+    rotation: float  # RMS, rad
+    translation: float  # RMS, m
+    fits: bool
+
+
+def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_controller: bool) -> PosePairs:
+    """Return pairs with joints with these in the reading by which they agree with the other poses, and findings on it.
+
+    Parameters
+    ----------
+    poses : with the joints as they were read
+    arm : their file
+    series : (n, K) values of a longer series of columns at the poses
+    by_controller : the robot poses are those of a file of the controller, not of the joints
+    """
+    assert poses.joints is not None
+    if poses.n < MIN_POSES_TO_DECIDE:
+        return poses
+    chain, rows = arm.kinematics, np.unique(np.linspace(0, poses.n - 1, min(poses.n, MAX_POSES_TRIED)).astype(int))
+    few = PosePairs(poses.robot[rows], poses.camera[rows], poses.setup, joints=poses.joints[rows])
+
+    def misfit(q: Array) -> _Misfit:
+        return _against_controller(chain, q, few) if by_controller else _against_camera(chain.poses(q), few)
+
+    found: list[Finding] = []
+    now = misfit(poses.joints[rows])
+    if is_coupled(chain) and not arm.pendant:
+        other = misfit(uncoupled(poses.joints[rows]))
+        if coupled := _decides(other, now):
+            poses = _with(poses, chain, uncoupled(poses.joints), by_controller)
+        if coupled or _decides(now, other):
+            now, other = (other, now) if coupled else (now, other)
+            values = {"name": PurePath(arm.name).name, "joint": chain.names[2], "coupled": coupled}
+            values |= {"rotation": now.rotation, "other": other.rotation}
+            found.append(Finding("kinematics.joint_3", "note", values))
+    if not by_controller and not now.fits:
+        longer = None if series is None or arm.series is None else JointSeries(arm.series.names, series[rows])
+        for reading in _by_angles(_tried(chain, few.joints, longer), chain, few):
+            if _decides(misfit(reading.q), now):
+                values = {"name": PurePath(arm.name).name, "meant": reading.name, "joints": list(reading.joints)}
+                values |= {"rotation": now.rotation, "translation": now.translation}
+                found.append(Finding("kinematics.another_reading", "failure", values))
+                break
+    return replace(poses, findings=(*poses.findings, *found)) if found else poses
+
+
+def _with(poses: PosePairs, chain: Kinematics, q: Array, by_controller: bool) -> PosePairs:
+    robot = poses.robot if by_controller else chain.poses(q)
+    return replace(poses, joints=q, robot=robot)
+
+
+def _decides(one: _Misfit, other: _Misfit) -> bool:
+    """Return whether one reading fits, and far better than the other."""
+    least = max(one.rotation, CHAIN_ROUNDING), max(one.translation, CHAIN_ROUNDING)
+    better = other.rotation > DECISIVE_RATIO * least[0] or other.translation > DECISIVE_RATIO * least[1]
+    return one.fits and better
+
+
+def _against_controller(chain: Kinematics, q: Array, poses: PosePairs) -> _Misfit:
+    against = compare_with_controller(chain, q, poses.robot, explain=False)
+    return _Misfit(*against.rms, against.same_arm)
+
+
+def _against_camera(robot: Array, poses: PosePairs) -> _Misfit:
+    """Return how far the target moves in the base, in the setup in which it moves less."""
+    travel = float(np.linalg.norm(np.std(robot[:, :3, 3], axis=0)))
+    both = (robot, inverse(robot)) if poses.setup == "eye-in-hand" else (inverse(robot), robot)
+    best = _Misfit(np.pi, travel, False)
+    for G in both:
+        fit = consistency(G, poses.camera)
+        if fit is not None and fit[0] < best.rotation:
+            best = _Misfit(*fit[:2], fit[0] <= LARGE_ROTATION_RAD and fit[1] <= MAX_MISFIT_SHARE * travel)
+    return best
+
+
+def _tried(kinematics: Kinematics, q: Array | None, series: JointSeries | None) -> Iterator[JointReading]:
+    assert q is not None
+    readings = one_by_one(likely_readings(kinematics, q, series), single_readings(kinematics, q))
+    return (reading for reading in readings if reading.name != COUPLED)
+
+
+def _by_angles(readings: Iterator[JointReading], chain: Kinematics, poses: PosePairs) -> Iterator[JointReading]:
+    """Yield readings by which robot and camera rotate by the same angles from each pose to the next, whatever X is."""
+    seen = _angles(poses.camera)
+    for reading in readings:
+        difference = _angles(chain.poses(reading.q)) - seen
+        if np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION_RAD:
+            yield reading
+
+
+def _angles(T: Array) -> Array:
+    return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
