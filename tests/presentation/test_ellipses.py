@@ -36,6 +36,7 @@ def parsed(label):
     return first + "xyz".index(symbol[-2]), FACTORS[unit.strip("()")]
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e3])
 def test_ellipses_are_those_of_the_covariance(size):
@@ -63,6 +64,7 @@ def test_ellipses_are_those_of_the_covariance(size):
     assert len(seen) == 15
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_equal_scales_until_they_hide_something():
     def reach(covariance):
@@ -74,6 +76,7 @@ def test_equal_scales_until_they_hide_something():
     assert len(set(reach(np.diag([0, 4, 9, 1, 1, 1]) * 1e-6))) == 1
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_samples_and_others():
     samples = np.random.default_rng(0).multivariate_normal(np.zeros(6), COVARIANCE, size=7000)
@@ -120,6 +123,7 @@ def test_extreme_covariances_are_drawn(covariance):
         assert "\N{MINUS SIGN}0.000" not in title
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_undefined_correlation_says_so():
     figure = covariance_ellipses(X, np.diag([0.0, 1, 1, 1, 1, 1]))
