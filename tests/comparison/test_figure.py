@@ -140,6 +140,7 @@ def marks(axis):
     return [(line.get_color(), line.get_marker()) for line in axis.lines if len(line.get_xdata()) == 1]
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["agree", "three differ"])
 def test_bars_are_those_of_the_rows(agreeing, name):
@@ -156,6 +157,7 @@ def test_bars_are_those_of_the_rows(agreeing, name):
                 np.testing.assert_allclose(bar.get_xdata() * factor(axis), ends, atol=2e-4 * (high - low))
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_who_differs_is_marked_and_named(agreeing):
     comparison = CASES["three differ"](agreeing)
@@ -169,6 +171,7 @@ def test_who_differs_is_marked_and_named(agreeing):
     assert sum("differs" in name for name in names) == 3
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_an_outlier_does_not_squash_the_others(agreeing):
     plain, wild = (columns(drawn(CASES[name](agreeing)))[3] for name in ("agree", "outlier"))
@@ -179,6 +182,7 @@ def test_an_outlier_does_not_squash_the_others(agreeing):
     assert len(shown) == 1 and float(shown[0]) == pytest.approx(value, rel=0.06)
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_failures_are_left_out(agreeing):
     names = [text.get_text() for text in drawn(CASES["failures"](agreeing)).axes[0].get_yticklabels()]
@@ -192,6 +196,7 @@ def test_nothing_to_draw(agreeing):
     assert comparison_picture(dataclasses.replace(agreeing, rows=(agreeing["4dpa"],))) is None
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_without_noise_there_are_points_alone(agreeing):
     figure = drawn(no_noise(agreeing))

@@ -94,6 +94,7 @@ def test_figures_by_name_are_those_that_can_be_drawn(result):
         replace(bare, table=None, analysis=None).plot()
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_what_cannot_be_drawn_is_left_out(result):
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
     motions = uq.relative_motions(poses, "consecutive")
@@ -130,6 +131,7 @@ def test_fonts_are_readable_on_paper(drawn):
 # ----------------------------------------------------------------------------------------------------------- rig
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_the_rig_stands_where_the_poses_are(both):
     poses, result = both
     scene = rig(poses, result.X, result.W, result.covariance, None)
@@ -195,12 +197,14 @@ def test_the_target_has_the_outline_of_its_corners():
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(board.points, axis=0))
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_a_large_ellipsoid_is_not_enlarged(both):
     poses, result = both
     scene = rig(poses, result.X, result.W, np.eye(6), None)
     assert scene.factor == 1.0 and scene.enlarged == "in true size"
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_rejected_poses_do_not_set_the_scale(both):
     poses, result = both
     robot = np.array(poses.robot)
@@ -217,6 +221,7 @@ def test_rejected_poses_do_not_set_the_scale(both):
 # ------------------------------------------------------------------------------------- residuals, budget, task space
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_residuals_show_every_pose_and_name_the_worst():
     flags = ["kept"] * 2000
     flags[7], flags[1500] = "rejected", "downweighted"
@@ -256,6 +261,7 @@ def test_d2_has_few_plain_ticks_and_shows_every_pose_and_the_limit(largest):
     assert overlapping(figure) == []
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_what_stands_still_is_seen_whole(both):
     poses, result = both
     scene = rig(poses, result.X, result.W, result.covariance, None)
@@ -272,12 +278,14 @@ def test_residuals_of_very_many_poses_stay_a_small_drawing():
     assert len(text) < 700_000 and "data:image/png" in text
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_residuals_of_one_pose_and_of_none():
     for values in (np.zeros(1), np.ones(1)):
         one = replace(table(1), rotation=values, translation=values, distance2=values)
         assert len(residual_figure(one).get_axes()) == 3
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_the_budget_is_drawn_as_it_is():
     shares = {"robot rotation": np.array([0.25, 0.0]), "camera rotation": np.array([0.75, 1.0])}
     axis = budget_figure(shares).get_axes()[0]
@@ -329,6 +337,7 @@ def test_a_result_with_shared_errors_has_their_figure():
     assert overlapping(found["shared"].figure) == [] and overlapping(found["budget"].figure) == []
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_points_ahead_against_a_numerical_experiment(result, rng):
     distance = np.array([0.2, 1.0])
     found = ahead(result, distance)
@@ -343,6 +352,7 @@ def test_points_ahead_against_a_numerical_experiment(result, rng):
         np.testing.assert_allclose(found.across[k], np.sqrt(np.linalg.eigvalsh(S[:2, :2])[-1]), rtol=0.03)
 
 
+@pytest.mark.usefixtures("without_rendering")
 def test_the_task_space_of_a_pure_translation_error_is_flat(result):
     flat = replace(result, covariance=np.diag([0, 0, 0, 1e-6, 1e-6, 1e-6]))
     assert task_space_figure(flat).get_axes()

@@ -53,6 +53,7 @@ def test_ellipses_are_those_of_the_rows(figure, check):
         assert np.allclose(points.get_ydata(), 1e3 * check.runs["4dpa"].errors[:, j])
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_what_there_is_not_is_not_drawn(check):
     rows = tuple(replace(row, covariance=None) if row.key in ("bound", "posterior") else row for row in check.rows)
@@ -64,7 +65,7 @@ def test_what_there_is_not_is_not_drawn(check):
 
 
 @pytest.mark.slow
-def test_files(check, tmp_path):
+def test_files(check, tmp_path, without_rendering):
     check.figure(tmp_path / "check.png")
     check.figure(tmp_path / "check.svg")
     assert (tmp_path / "check.png").read_bytes().startswith(b"\x89PNG")

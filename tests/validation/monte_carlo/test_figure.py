@@ -165,6 +165,7 @@ def test_the_band_holds_true_covariances_and_no_wrong_ones(rng):
     assert 1e-5 < tails.max() < 0.005  # wider than one interval at each quantile would be
 
 
+@pytest.mark.usefixtures("without_rendering")
 @pytest.mark.slow
 def test_what_is_drawn_is_what_the_numbers_say(rng):
     result = run(rng, truth=P * np.diag([1, 1, 1, 1, 1.44, 1]))
