@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from fixtures.study_tables import quick_tables
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
@@ -78,7 +79,7 @@ def test_what_a_cell_says_without_an_answer_or_without_draws():
 
 
 def test_half_turns_count_nothing_for_4dpa_alone():
-    table = pd.DataFrame(efficiency._half_turns()).set_index("method")
+    table = quick_tables("efficiency")["half_turns"].set_index("method")
     one = table.loc["4dpa", ["with_over_without_low", "with_over_without_high"]].astype(float)
     np.testing.assert_allclose(one, 1.0, atol=0.01)
     assert (table.drop("4dpa").with_over_without_high < 0.5).all()
@@ -86,10 +87,12 @@ def test_half_turns_count_nothing_for_4dpa_alone():
 
 @pytest.fixture(scope="module")
 def tables():
-    sweeps = efficiency.SWEEPS
-    settings = [(sweep, sweep.quick[0]) for sweep in sweeps]
-    cells = pd.DataFrame(efficiency._cells(settings, rig.Size(1_000, 4_000, 50, 100), lambda count: None))
-    return {"cells": cells, "smaller": cells.iloc[:0], "half_turns": pd.DataFrame(efficiency._half_turns())}
+    """The first cell of each sweep."""
+    measured = quick_tables("efficiency")
+    cells = measured["cells"]
+    first = [cells[(cells.sweep == sweep.name) & (cells["value"] == sweep.quick[0])] for sweep in efficiency.SWEEPS]
+    cells = pd.concat(first, ignore_index=True)
+    return {"cells": cells, "smaller": cells.iloc[:0], "half_turns": measured["half_turns"]}
 
 
 def test_verdicts_follow_the_tables(tables):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from fixtures.study_tables import quick_tables
 
-from studies.planning import findings, measure, of_degenerate, of_random, of_subsets
-from studies.planning import sessions as planning_sessions
+from studies.planning import findings, of_degenerate, of_random, of_subsets
 from studies.planning.sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
 from uq_handeye.trials.simulation.rig import RIGS
 
@@ -13,11 +13,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def tables():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("UQ_HANDEYE_DATA", raising=False)
-        patch.setattr("studies.planning.QUICK", 8)
-        patch.setattr(planning_sessions, "SAMPLES", (50, 200))
-        yield measure(False)
+    return {name: table for name, table in quick_tables("planning").items() if name != "real"}
 
 
 def test_worst_axes_are_in_mm_and_degrees():
