@@ -27,15 +27,18 @@ COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 class Reading:
     """A way to read the numbers of a pose: the ``format`` that says so, the form of the rotation, the length unit.
 
-    ``units`` None: as for any file.
+    ``units`` None: as for any file. ``rotation_first``: three numbers of the rotation stand before those of the
+    translation.
     """
 
     format: str
     rotation: str
     units: str | None = None
+    rotation_first: bool = False
 
     def __str__(self) -> str:
-        return f"{self.format} ({self.rotation}{'' if self.units is None else f', {self.units}'})"
+        order = ", rotation before translation" if self.rotation_first else ""
+        return f"{self.format} ({self.rotation}{'' if self.units is None else f', {self.units}'}{order})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,8 @@ class Side:
     frame : what the file itself says the poses are, one of `FRAMES`, or None
     units : length unit that the file itself says, or None
     readings : what the numbers of the rotation may be. None: matrices, or quaternions of ``order``. One: no doubt.
-        Several: the other side decides (`io.readings`), or who reads.
+        Several: the other side decides (`read.readings`), or who reads.
+    others : readings that are tried where robot and camera agree with none of ``readings``
     labels : where each pose stands, for messages, in place of ``rows``
     numbers : (n,) what each pose is counted by: the number in the name of its file, or in a column such as Nr or image
     """
@@ -71,6 +75,7 @@ class Side:
     frame: str | None = None
     units: str | None = None
     readings: tuple[Reading, ...] = ()
+    others: tuple[Reading, ...] = ()
     labels: tuple[str, ...] = ()
     numbers: tuple[int, ...] = ()
 
@@ -174,9 +179,12 @@ def finished(side: Side, role: str, units: str | None, rotation: str | None, fra
             )
         factor = require_units(side.units)
     check_numbers(side)
+    translation, numbers = side.translation, side.rotation
+    if reading is not None and reading.rotation_first:
+        translation, numbers = numbers, translation
     poses: Array = np.zeros((len(side), 4, 4))
-    poses[:, :3, :3] = form.decode(side.rotation)
-    poses[:, :3, 3] = side.translation * factor
+    poses[:, :3, :3] = form.decode(numbers)
+    poses[:, :3, 3] = translation * factor
     poses[:, 3, 3] = 1.0
     usual, inverted = FRAMES[role]
     if not among(frame, (usual, inverted)):

@@ -78,6 +78,7 @@ def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
         timestamps=stamps,
         rows=None,
         readings=readings,
+        others=tuple(reading for reading in first.others if all(reading in side.others for side in sides)),
         labels=tuple(shown(Path(path.name)) for path in paths),
         numbers=numbers_in(path.name for path in paths),
     )

@@ -8,6 +8,7 @@ the correct order of Euler angles where the one in use does not fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import PurePath
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES_TO_DECIDE
+from ..core.numbers.limits import MAX_LISTED, MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
@@ -77,14 +78,20 @@ def chosen_readings(
     of = [np.arange(len(side))[one] for side, one in zip(sides, rows, strict=True)]
     pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), (of[0], of[1]), setup)
     # The readings of each side that are open.
-    open_readings = (
-        side.readings if form is None and len(side.readings) > 1 else (None,)
-        for side, form in zip(sides, forms, strict=True)
-    )
-    chosen = pair.thinned().chosen(tuple(open_readings))
+    choices = [_open(side, form) for side, form in zip(sides, forms, strict=True)]
+    chosen = pair.thinned().of_choices(tuple(first for first, _ in choices), tuple(every for _, every in choices))
     warn(chosen.findings, 3)
     readings = (side.readings for side in chosen.sides)  # of some of the poses
     return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
+
+
+def _open(side: Side, form: str | None) -> tuple[tuple[Reading | None, ...], tuple[Reading | None, ...]]:
+    """Return the readings between which the poses have to decide, and the same with those that are tried last."""
+    readings, others = (
+        tuple(one for one in found if form in (None, one.rotation)) for found in (side.readings, side.others)
+    )
+    first: tuple[Reading | None, ...] = readings if form is None and len(readings) > 1 else (None,)
+    return first, (*(readings or (None,)), *others) if others else first
 
 
 def reading_of_robot(
@@ -105,6 +112,17 @@ class _Pair:
     frames: tuple[str, ...]
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     setup: str
+
+    def of_choices(self, first: Readings, every: Readings) -> Chosen:
+        """Return the sides with one of the ``first`` readings, or of ``every`` one where none of the first agrees."""
+        try:
+            return self.chosen(first)
+        except InputError:
+            if first == every:
+                raise
+            with suppress(InputError):
+                return self.chosen(every)
+            raise
 
     def chosen(self, open_readings: Readings) -> Chosen:
         if all(readings == (None,) for readings in open_readings):
@@ -197,7 +215,9 @@ class _Pair:
 
     def _note(self, k: int, reading: Reading, fits: list[tuple[Misfit, ReadingPair]]) -> str:
         worse = [f"{pair[k]}" for _, pair in fits if pair[k] != reading]
-        others = ", ".join(dict.fromkeys(worse))
+        names = list(dict.fromkeys(worse))
+        more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+        others = ", ".join(names[:MAX_LISTED]) + more
         return f"rotations read as {reading}, with which robot and camera agree; with {others} they do not"
 
     def fit(self, pair: ReadingPair) -> Misfit | None:

@@ -93,7 +93,7 @@ class ProgramPoses:
         numbers = np.array(rows, dtype=float)
         translation, rotation = numbers[:, :3], numbers[:, 3:]
         angle = form.rotation[-3:] if form.rotation.endswith("-deg") else None
-        readings, said = interpret("unsaid", translation, rotation, form if sure else None, length, angle)
+        readings, said, _ = interpret("unsaid", translation, rotation, form if sure else None, length, angle)
         notes = [*self.notes, *said]
         if self.joints:
             notes.append(f"joint targets left out: {self.joints}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from .forms import CONTROLLERS, PoseForm, forms_of
 MAX_ROBOT_REACH_M, MIN_ROBOT_REACH_MM = 5.0, 20.0
 # An angle in rad is at most a full circle; the rest is rounding.
 MAX_ANGLE_RAD = 2.0 * np.pi + 1e-3
+MAX_ANGLE_DEG = 360.1
 # Possible forms of three numbers whose names do not give the form; and of rx, ry, rz, each about its own axis.
 _UNSAID = forms_of("ur", "rpy", "XYZ-rad", "ZYX-rad", "ZYZ-rad", "kuka", "fanuc", "staubli", "kawasaki", "rotvec-deg")
 _BY_AXES = forms_of("ur", "rpy", "XYZ-rad", "yaskawa", "staubli", "rotvec-deg")
@@ -40,10 +41,21 @@ _BY_KIND = {
 }
 
 
+class Interpretation(NamedTuple):
+    """Readings of poses, what is to be said of them, and the readings to try where none of the first agrees."""
+
+    readings: tuple[Reading, ...]
+    notes: list[str]
+    others: tuple[Reading, ...] = ()
+
+
 def interpret(
     kind: str, translation: Array, rotation: Array, form: PoseForm | None, length: str | None, angle: str | None
-) -> tuple[tuple[Reading, ...], list[str]]:
+) -> Interpretation:
     """Return the readings of poses, and what is to be said of them.
+
+    Of six numbers without names the rotation may stand first: that is tried where nothing else agrees, and taken at
+    once where the last three are too large for angles.
 
     Parameters
     ----------
@@ -52,6 +64,24 @@ def interpret(
     form : the maker that is asked for, or that the file names; None: by ``kind``
     length, angle : units that the file itself says
     """
+    found = _readings(kind, translation, rotation, form, length, angle)
+    others: tuple[Reading, ...] = ()
+    if kind == "unsaid" and rotation.shape[1] == 3 and _largest(translation) <= MAX_ANGLE_DEG:
+        turned = _readings(kind, rotation, translation, form, length, angle)
+        others = tuple(replace(reading, rotation_first=True) for reading in turned)
+        if _largest(rotation) > MAX_ANGLE_DEG:
+            note = "the rotation stands before the translation: the last three numbers are too large for angles"
+            return Interpretation(others, [note])
+        others = others if form is None else ()
+    makers = {reading.format for reading in found}
+    notes = _contradictions(found, form or (CONTROLLERS.get(makers.pop()) if len(makers) == 1 else None))
+    return Interpretation(found, notes, others)
+
+
+def _readings(
+    kind: str, translation: Array, rotation: Array, form: PoseForm | None, length: str | None, angle: str | None
+) -> tuple[Reading, ...]:
+    """Return the readings of poses, their translation first."""
     readings: list[Reading] = []
     for name, text in _forms(kind, rotation, translation, form):
         maker = CONTROLLERS.get(name)
@@ -63,9 +93,7 @@ def interpret(
     distinct: dict[tuple[str, str | None], Reading] = {}
     for reading in readings:
         distinct.setdefault((reading.rotation, reading.units), reading)
-    found = tuple(distinct.values())
-    makers = {reading.format for reading in found}
-    return found, _contradictions(found, form or (CONTROLLERS.get(makers.pop()) if len(makers) == 1 else None))
+    return tuple(distinct.values())
 
 
 def in_convention(contents: Contents, form: PoseForm) -> Contents:
@@ -85,9 +113,9 @@ def in_convention(contents: Contents, form: PoseForm) -> Contents:
                 "out; see docs/how-to/controller.md."
             )
         angle = "deg" if form.rotation.endswith("-deg") else None
-        readings, said = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
-        sides[role] = replace(side, readings=readings)
-        notes += said
+        read = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
+        sides[role] = replace(side, readings=read.readings, others=read.others)
+        notes += read.notes
     return replace(contents, notes=(*contents.notes, *notes), **sides)
 
 

@@ -29,6 +29,7 @@ from ..columns import (
     pose_columns,
 )
 from ..contents import NORM_TOLERANCE, Contents, Side
+from ..matrices.layout import MAX_NUMBERS_BEFORE, found_in
 from ..number_table import MAX_HEAD_LINES, MIN_NUMBERS, NumberTable, names_of, read_number_table
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
@@ -37,7 +38,7 @@ HELP = "see docs/how-to/controller.md"
 _POSITION = ("x", "y", "z")
 # Words before the columns of one side, in a table of both.
 _ROBOTS = ("robot", "gripper", "hand", "tool", "tool0", "tcp", "ee", "eef", "flange", "arm", "base")
-_CAMERAS = ("camera", "cam", "marker", "board", "tag", "target", "object", "aruco", "charuco", "checkerboard")
+_CAMERAS = ("camera", "cam", "marker", "board", "tag", "target", "object", "aruco", "charuco", "checkerboard", "eye")
 # Names of joints.
 _JOINT = re.compile(r"(?:joint|axis|j|a|q|theta|qpos)[\s_.]*\d+.*|.*_joint(?:_\d+)?", re.IGNORECASE)
 
@@ -50,7 +51,74 @@ def read_pose_table(text: str, name: str, form: PoseForm | None = None) -> Conte
             f"{name}: expected poses, got joint values ({short(', '.join(table.unknown))}): give them by --joints with "
             "--urdf (docs/how-to/kinematics.md)."
         )
-    return _of_sets(table, form) or _contents(table, _columns(table, form), form)
+    return _of_table(table, form)
+
+
+def _of_table(table: NumberTable, form: PoseForm | None) -> Contents:
+    """Return the poses of one side, or of both sides that stand beside or below each other."""
+    both = _of_sets(table, form) or _of_labels(table, form) or _of_halves(table, form)
+    return both or _contents(table, _columns(table, form), form)
+
+
+def _of_labels(table: NumberTable, form: PoseForm | None) -> Contents | None:
+    """Return both sides of a table whose rows name their side (``hand``, ``eye``); None for any other."""
+    for texts in zip(*table.texts, strict=True) if len(table.texts) == len(table.values) else ():
+        words = [text.strip().lower() for text in texts]
+        roles = {
+            word: role for role, known in (("robot", _ROBOTS), ("camera", _CAMERAS)) for word in known if word in words
+        }
+        if len(roles) == 2 and set(roles) == set(words) and len(set(roles.values())) == 2:
+            found = {
+                role: _part(table, form, rows=np.array([k for k, one in enumerate(words) if one == word]))
+                for word, role in roles.items()
+            }
+            notes = (*_said(found), *(f"{role} poses from the rows {word}" for word, role in roles.items()))
+            return Contents(found["robot"].only, found["camera"].only, notes=notes)
+    return None
+
+
+def _of_halves(table: NumberTable, form: PoseForm | None) -> Contents | None:
+    """Return both sides of rows without names that hold two poses of six or seven numbers; None for any other."""
+    values = table.values
+    first = next((k for k in range(MAX_NUMBERS_BEFORE + 1) if values.shape[1] - k in (12, 14)), None)
+    if table.headings or first is None or not all((np.diff(values[:, k]) > 0).all() for k in range(first)):
+        return None
+    half = (values.shape[1] - first) // 2
+    halves = [values[:, first + k * half : first + (k + 1) * half] for k in range(2)]
+    if (half == 7 and not all(map(_is_pose, halves))) or (half == 6 and found_in(values) is not None):
+        return None
+    before = list(range(first))
+    found = {
+        role: _part(table, form, columns=[*before, *range(first + k * half, first + (k + 1) * half)])
+        for k, role in enumerate(("robot", "camera"))
+    }
+    notes = (*_said(found), f"two poses of {half} numbers in each row: the robot's first")
+    return Contents(found["robot"].only, found["camera"].only, notes=notes)
+
+
+def _part(
+    table: NumberTable, form: PoseForm | None, rows: NDArray[np.intp] | None = None, columns: list[int] | None = None
+) -> Contents:
+    """Return the poses of some rows or columns of a table, as those of one side."""
+    rows = np.arange(len(table.values)) if rows is None else rows
+    columns = list(range(table.values.shape[1])) if columns is None else columns
+    part = replace(
+        table,
+        values=table.values[np.ix_(rows, columns)],
+        lines=table.lines[rows],
+        names=[table.headings[k] for k in columns] if table.headings else [],
+        places=Places(range(len(columns))),
+        units=tuple(table.units[k] for k in columns),
+        texts=[],
+        notes=(),
+        numbers=(),
+    )
+    return _contents(part, _columns(part, form), form)
+
+
+def _said(parts: dict[str, Contents]) -> list[str]:
+    """Return what is to be said of both sides, each once."""
+    return list(dict.fromkeys(note for part in parts.values() for note in part.notes))
 
 
 def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
@@ -125,11 +193,11 @@ def table_kind(head: str) -> str | None:
     text = "\n".join(head.splitlines()[:MAX_HEAD_LINES]) if head.count("\n") > MAX_HEAD_LINES else head
     try:
         table = read_number_table(text, "", is_table_header, "", guessed=text is not head or len(head) > 65_000)
-        columns = _columns(table, None)
-        contents = _contents(table, columns, None)
+        contents = _of_table(table, None)
     except InputError:  # whose reader says what is wrong with a table that names its columns
         return "table" if names_a_pose(text) else None
-    assert contents.only is not None
+    if contents.only is None:
+        return "table"
     names = {reading.format for reading in contents.only.readings}
     return names.pop() if len(names) == 1 else "table"
 
@@ -248,7 +316,7 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
         notes.append("axis and angle read as a rotation vector")
     times, note = _times(values, columns)
     notes += [note] if note else []
-    readings, said = interpret(kind, position, rotation, form, columns.length, columns.angle)
+    readings, said, others = interpret(kind, position, rotation, form, columns.length, columns.angle)
     notes += said
     if len(readings) == 1:
         reading = readings[0]
@@ -258,7 +326,7 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
         notes.append(f"{', '.join(names[4:])} read as {reading.rotation} ({what}{by}), lengths in {reading.units}")
     side = Side(
         table.name, position, rotation, times, table.lines, "line", "xyzw", names,
-        units=columns.length, readings=readings, numbers=table.numbers,
+        units=columns.length, readings=readings, others=others, numbers=table.numbers,
     )  # fmt: skip
     return Contents(only=side, notes=tuple(notes))
 

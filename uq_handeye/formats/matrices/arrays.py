@@ -56,8 +56,8 @@ def side_of_array(
         flat = flat[:, :6]
         notes.append("the last number of each pose is a code, and not used")
     if flat.shape[1] == 6:
-        readings, said = interpret("unsaid", flat[:, :3], flat[:, 3:], None, None, None)
-        side = Side(name, flat[:, :3], flat[:, 3:], readings=readings, **options)
+        readings, said, others = interpret("unsaid", flat[:, :3], flat[:, 3:], None, None, None)
+        side = Side(name, flat[:, :3], flat[:, 3:], readings=readings, others=others, **options)
         notes += said
     elif flat.shape[1] in (7, 8):
         side = _quaternions(flat, name, options)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.files.trees import is_json
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import HEAD_BYTES
+from ...core.numbers.limits import HEAD_BYTES, MIN_POSES
 from ...errors import InputError
 from ..contents import Contents
 from .layout import COUNTS, MAX_NUMBERS_BEFORE, fitting, matrices_in
@@ -53,6 +53,8 @@ def is_matrix_text(head: str) -> bool:
     if len(counts) == 1:
         (count,) = counts
         table = np.array([line.values for line in lines])
+        if count == 12 and len(lines) >= MIN_POSES and not (fitting(table) or _almost_matrices(table)):
+            return not np.ptp(table, axis=0).any()  # else the poses of robot and camera, of six numbers each
         if count in COUNTS:
             return bool(np.abs(table).max() < NO_EXTERNAL_AXIS) or not np.isfinite(table).all()
         if count in _PER_LINE:
@@ -63,6 +65,13 @@ def is_matrix_text(head: str) -> bool:
             return any(count >= 2 * one and fitting(table[:1, :one]) for one in COUNTS)
     blocks = _blocks(lines)
     return (blocks is not None and fitting(blocks[0])) or _begins(lines[:-1])
+
+
+def _almost_matrices(table: Array) -> bool:
+    """Return whether most rows (n, 12) hold three vectors of a length near 1, as a damaged rotation does."""
+    with np.errstate(all="ignore"):
+        lengths = np.linalg.norm(table.reshape(-1, 3, 4)[:, :, :3], axis=2)
+    return bool(np.median(np.abs(lengths - 1.0)) < 0.2)
 
 
 def _begins(lines: Sequence[NumberLine]) -> bool:

@@ -1,0 +1,104 @@
+"""Forms in which people keep both sides, or one, of a calibration: read by themselves, with a note that says how."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye.errors import InputError
+from uq_handeye.read import read_poses, write_pose_file
+
+N = 14
+POSES = uq.simulate(n_poses=N, seed=SEED)
+X = POSES.truth.X
+
+
+def numbers(T, form, length=1.0, rotation_first=False):
+    """Rows (n, 6 or 7) of poses."""
+    rotation = Rotation.from_matrix(T[:, :3, :3])
+    if form == "rotvec":
+        angles = rotation.as_rotvec()
+    elif form == "xyzw":
+        angles = rotation.as_quat()
+    else:
+        angles = rotation.as_euler(form, degrees=True)
+    parts = [length * T[:, :3, 3], angles]
+    return np.hstack(parts[::-1] if rotation_first else parts)
+
+
+def lines(rows, mark=", "):
+    return "".join(mark.join(map(repr, row)) + "\n" for row in np.asarray(rows).tolist())
+
+
+def assert_right(poses, atol=1e-9):
+    np.testing.assert_allclose(poses.robot, POSES.robot, rtol=0, atol=atol)
+    np.testing.assert_allclose(poses.camera, POSES.camera, rtol=0, atol=atol)
+
+
+def notes(poses):
+    return " | ".join(note for source in poses.sources for note in source.notes)
+
+
+# ---------------------------------------------------------------------------------------- rotation before translation
+
+
+@pytest.mark.parametrize(("form", "length"), [("rotvec", 1.0), ("rotvec", 1e3), ("xyz", 1e3), ("ZYX", 1.0)])
+def test_rotation_before_translation(tmp_path, form, length):
+    (tmp_path / "robot.txt").write_text(lines(numbers(POSES.robot, form, length, True)))
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    poses = read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv")
+    assert_right(poses)
+    assert "rotation before translation), with which robot and camera agree" in notes(poses)
+
+
+def test_hundreds_are_never_radians(tmp_path):
+    """Also where the form is asked for: the last three numbers are then the translation."""
+    (tmp_path / "robot.txt").write_text(lines(numbers(POSES.robot, "rotvec", 1e3, True)))
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    options = {"rotation": ("rotvec-rad", None), "units": ("mm", None)}
+    assert_right(read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv", **options))
+
+
+def test_one_number_a_line_in_a_file_per_pose(tmp_path):
+    (tmp_path / "robot").mkdir()
+    for k, row in enumerate(numbers(POSES.robot, "xyz", 1e3, True)):
+        (tmp_path / "robot" / f"pos{k}.txt").write_text("\n".join(f"{value:.10f}" for value in row) + "\n")
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    poses = read_poses(tmp_path / "robot", tmp_path / "camera.csv")
+    assert_right(poses, atol=1e-8)
+
+
+# --------------------------------------------------------------------------------------------- both sides in one table
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("counted", [False, True])
+def test_both_poses_in_each_row(tmp_path, first, counted):
+    rows = np.hstack([numbers(POSES.robot, "rotvec", 1.0, first), numbers(POSES.camera, "rotvec", 1.0, first)])
+    rows = np.column_stack([np.arange(N), rows]) if counted else rows
+    (tmp_path / "both.txt").write_text(lines(rows, " "))
+    poses = read_poses(tmp_path / "both.txt")
+    assert_right(poses)
+    assert "two poses of 6 numbers in each row: the robot's first" in notes(poses)
+
+
+def test_two_quaternions_in_each_row(tmp_path):
+    rows = np.hstack([numbers(POSES.robot, "xyzw"), numbers(POSES.camera, "xyzw")])
+    (tmp_path / "both.txt").write_text(lines(rows))
+    assert_right(read_poses(tmp_path / "both.txt"))
+
+
+@pytest.mark.parametrize("words", [("hand", "eye"), ("Robot", "Camera"), ("gripper", "target")])
+def test_rows_that_name_their_side(tmp_path, words):
+    sides = [numbers(T, "xyz") for T in (POSES.robot, POSES.camera)]
+    rows = zip(*(lines(one).splitlines(True) for one in sides), strict=True)
+    text = "".join(f"{word},{line}" for pair in rows for word, line in zip(words, pair, strict=True))
+    (tmp_path / "both.csv").write_text(text)
+    poses = read_poses(tmp_path / "both.csv")
+    assert_right(poses)
+    assert f"robot poses from the rows {words[0].lower()}" in notes(poses)
+    (tmp_path / "both.csv").write_text(text.replace(words[1], "other"))
+    with pytest.raises(InputError):
+        read_poses(tmp_path / "both.csv")
