@@ -29,7 +29,7 @@ from ..columns import (
     pose_columns,
 )
 from ..contents import NORM_TOLERANCE, Contents, Side
-from ..matrices.layout import MAX_NUMBERS_BEFORE, found_in
+from ..matrices.layout import MAX_NUMBERS_BEFORE, matrices_in
 from ..number_table import MAX_HEAD_LINES, MIN_NUMBERS, NumberTable, names_of, read_number_table
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
@@ -85,7 +85,7 @@ def _of_halves(table: NumberTable, form: PoseForm | None) -> Contents | None:
         return None
     half = (values.shape[1] - first) // 2
     halves = [values[:, first + k * half : first + (k + 1) * half] for k in range(2)]
-    if (half == 7 and not all(map(_is_pose, halves))) or (half == 6 and found_in(values) is not None):
+    if (half == 7 and not all(map(_is_pose, halves))) or (half == 6 and matrices_in(values) is not None):
         return None
     before = list(range(first))
     found = {
