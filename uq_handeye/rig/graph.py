@@ -144,19 +144,26 @@ class Graph:
     @cached_property
     def group(self) -> Index:
         """(E,) number of the group of each edge: edges with robot poses that edges connect."""
-        from scipy.sparse import coo_array  # slow to import
-        from scipy.sparse.csgraph import connected_components
-
         left, right = self.side
         both = (left < self.P) & (right < self.P)
-        joined = coo_array((np.ones(both.sum()), (left[both], right[both])), shape=(self.P + 1, self.P + 1))
-        of_pose, one = connected_components(joined, directed=False)[1], np.where(left < self.P, left, right)
+        of_pose, one = np.arange(self.P + 1), np.where(left < self.P, left, right)
+        if both.any():
+            from scipy.sparse import coo_array  # slow to import
+            from scipy.sparse.csgraph import connected_components
+
+            joined = coo_array((np.ones(both.sum()), (left[both], right[both])), shape=(self.P + 1, self.P + 1))
+            of_pose = connected_components(joined, directed=False)[1]
         alone = self.P + 1 + np.arange(self.E)  # views that no robot pose enters
         return np.unique(np.where(one < self.P, of_pose[one], alone), return_inverse=True)[1].astype(np.intp)
 
     @cached_property
     def batches(self) -> tuple[Batch, ...]:
         """All groups, those of one size together."""
+        one = np.minimum(*self.side)
+        order = np.argsort(one, kind="stable")
+        if self.P == self.E and np.array_equal(one[order], np.arange(self.P)):  # each view has its own robot pose
+            local = [np.where(side[order] < self.P, 0, 1)[:, None] for side in self.side]
+            return (Batch(order[:, None], one[order][:, None], (local[0], local[1])),)
         order = np.argsort(self.group, kind="stable")
         cuts = np.flatnonzero(np.diff(self.group[order])) + 1
         by_size: dict[tuple[int, int], list[tuple[Index, Index]]] = {}
