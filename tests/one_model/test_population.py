@@ -130,11 +130,21 @@ def test_a_truncation_keeps_the_second_moment():
     rng = np.random.default_rng(0)
     rows = rng.normal(size=(300, 400)) * np.exp(-0.1 * np.arange(400))
     rows = rows @ np.linalg.qr(rng.normal(size=(400, 400)))[0]
-    U, energy = truncated(rows, 60)
+    sketch = rng.normal(size=(300, 72))
+    U, energy = truncated(rows, sketch, 60)
     kept = U * np.sqrt(energy)
     assert kept.shape[1] < 60
     assert (rows**2).sum() - (kept**2).sum() < 1.1e-3 * (rows**2).sum()
     np.testing.assert_allclose(kept @ kept.T, rows @ rows.T, atol=2e-3 * np.linalg.norm(rows, 2) ** 2)
+
+
+def test_a_truncation_does_not_depend_on_the_basis_of_the_columns():
+    """The eigenvectors of an arm's errors have signs of rounding: other ones on another processor."""
+    rng = np.random.default_rng(0)
+    rows, sketch = rng.normal(size=(90, 120)) * 0.95 ** np.arange(120), rng.normal(size=(90, 44))
+    turned = rows @ np.linalg.qr(rng.normal(size=(120, 120)))[0]
+    one, other = (U * np.sqrt(energy) for U, energy in (truncated(of, sketch, 32) for of in (rows, turned)))
+    np.testing.assert_allclose(one @ one.T, other @ other.T, atol=1e-10 * np.linalg.norm(rows, 2) ** 2)
 
 
 def test_time(capsys):

@@ -62,6 +62,8 @@ ARMS: tuple[str, ...] = (
 OFFSET_SD, TILT_SD, LENGTH_SD, HARMONIC_SD, SAG_SD = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 # Translations divided by this length count like rotations in rad.
 LENGTH_PER_RAD_M = 0.5
+# The range of the truncated columns is looked for with this many directions more than are kept.
+MORE_DIRECTIONS = 12
 # The frames of base and flange are this many times as uncertain between arms as by a sample of the workspace.
 # UNSEEN_SHARE is the share of the errors far from the poses of the data that is independent of the errors at these
 # poses (`unseen`). All three were determined by leaving families of arms out.
@@ -179,7 +181,7 @@ class BoundPopulation(ReadOnlyArrays):
         share = reached.mean(axis=1)
         kept = (share >= 0.5) | (share >= np.sort(share)[-min(min_arms, len(share))])
         rows = _rows(G[kept])
-        U, energy = truncated(rows, rank)
+        U, energy = truncated(rows, _sketch(robot, reach, rank + MORE_DIRECTIONS), rank)
         basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
         K = cls._unscaled(U * np.sqrt(energy))
         unit = np.tile(np.repeat([1.0 / reach, 1.0], 3), 2)
@@ -266,16 +268,15 @@ def _rows(G: Array) -> Array:
     return np.asarray((G * scale).reshape(-1, 6 * G.shape[-1]).T)
 
 
-def truncated(rows: Array, rank: int, left_out: float = 1e-3) -> tuple[Array, Array]:
+def truncated(rows: Array, sketch: Array, rank: int, left_out: float = 1e-3) -> tuple[Array, Array]:
     """Return U (N, m) and energies (m,), m <= rank: ``U diag(energy) U^T`` is the second moment of ``rows`` (N, M).
 
-    But for ``left_out`` of its trace.
-    The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + 12),
-    so that a permutation of the rows permutes the result.
+    But for ``left_out`` of its trace. The singular vectors are those within the range of ``(rows rows^T)^2 sketch``,
+    ``sketch`` (N, k) with k above the rank (Halko, Martinsson, Tropp 2011), or all of them where there are fewer. The
+    result depends on ``rows rows^T`` alone, not on the basis of the columns, which is one of rounding.
     """
-    more = 12
-    if min(rows.shape) > rank + more:
-        rows_of_range = rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + more)))
+    if min(rows.shape) > sketch.shape[1]:
+        rows_of_range = rows @ (rows.T @ (rows @ (rows.T @ sketch)))
     else:
         rows_of_range = rows if rows.shape[1] <= len(rows) else np.eye(len(rows))
     Q = np.linalg.qr(rows_of_range)[0]
@@ -288,9 +289,17 @@ def truncated(rows: Array, rank: int, left_out: float = 1e-3) -> tuple[Array, Ar
     return np.asarray(Q @ U[:, :m]), energy[:m]
 
 
+def _sketch(robot: Array, reach: float, count: int) -> Array:
+    """(6n, count) cosines of random functions of each pose (n, 4, 4), so that a permutation of poses permutes it."""
+    numbers, turns = _random_waves(count)
+    pose = np.concatenate([robot[:, :3, :3].reshape(-1, 9), robot[:, :3, 3] / reach], axis=-1)
+    return np.asarray(np.cos((pose @ numbers).reshape(len(pose), 6, count) + turns).swapaxes(0, 1).reshape(-1, count))
+
+
 @functools.lru_cache(maxsize=8)
-def _sketch(size: int, m: int) -> Array:
-    return np.random.default_rng(0).normal(size=(size, m))
+def _random_waves(count: int) -> tuple[Array, Array]:
+    rng = np.random.default_rng(0)
+    return 3.0 * rng.normal(size=(12, 6 * count)), rng.uniform(0.0, 2.0 * np.pi, size=(6, count))
 
 
 def gauge_columns(tip: Array) -> Array:
