@@ -58,9 +58,40 @@ def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
     assert said(result) == ["kinematics.against_controller"]
     text = " ".join(result.summary(verbose=True).split())
     assert "after a tool frame of 150 mm, 45.8 deg and a base frame of 900 mm, 115 deg" in text
+    first = " ".join(result.summary().split())
+    own, other = ("150 mm, 45.8 deg", "base is 900 mm, 115 deg")
+    if setup == "eye-to-hand":
+        own, other = ("900 mm, 115 deg", "tool is 150 mm, 45.8 deg")
+    frame = "gripper" if setup == "eye-in-hand" else "base"
+    assert f"X is in the reported {frame} frame, {own} from that of the model. The reported {other} from" in first
     q = poses.joints[:2] + 0.1
     ahead = result.predict_camera(joints=q)
     np.testing.assert_allclose(ahead.poses, same.predict_camera(joints=q).poses, rtol=0, atol=2e-6)
+
+
+def test_the_first_screen_says_which_flange_x_belongs_to(rng):
+    """Also on 26 lines of 80 columns; without an arm there is nothing to say."""
+    poses = rig(rng, n=10, spread=0.6, sd={}, joint_noise=0.0).poses
+    options = {"noise": NOISE, "shared": [], "robust": False}
+    exact = {"kinematics": ARM, "kinematic_errors": uq.KinematicErrors("exact")}
+    frames = {
+        "X is in the reported gripper frame.": uq.calibrate(poses, **options, **exact),
+        "X is in the reported gripper frame, 150 mm, 45.8 deg from that of the model.": uq.calibrate(
+            replace(poses, robot=poses.robot @ FRAMES[1]), **options, **exact
+        ),
+    }
+    for words, result in frames.items():
+        text = result.summary()
+        assert words in " ".join(text.split()) and text.count("\n") <= 26
+    assert "gripper frame" not in uq.calibrate(poses, **options).summary()
+
+
+@pytest.mark.slow
+def test_the_first_screen_says_that_x_belongs_to_the_machined_flange(rng):
+    poses = rig(rng, n=10, spread=0.6, sd={}, joint_noise=0.0).poses
+    errors = uq.KinematicErrors("declared", 1e-4, 1e-4, 1e-4, joint_sd=1e-4, flange="physical")
+    result = uq.calibrate(poses, noise=NOISE, shared=[], robust=False, kinematics=ARM, kinematic_errors=errors)
+    assert "X is in the machined gripper frame." in " ".join(result.summary().split())
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from ...core.presentation.document import (
     Paragraph,
 )
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
+from ...model.kinematics.sentences import frame_size
 from ..estimate.analysis import FittedKinematics
 from ..result import Calibration
 
@@ -46,6 +47,32 @@ def arm_sentences(result: Calibration) -> list[str]:
         text += f" {told}"
     meaning = [] if fitted.how == EXACT else [meaning_words(result, fitted)]
     return [text, *meaning, *([said] if (said := prediction_words(result)) else [])]
+
+
+def frame_words(result: Calibration) -> str:
+    """State in one sentence which flange (or base) X belongs to, and frames of the controller that were found.
+
+    Empty where the calibration has no kinematics.
+    """
+    fitted = result.kinematics
+    if fitted is None:
+        return ""
+    frame = result.frame.split("_T_")[0]
+    which = "machined" if fitted.flange == PHYSICAL and fitted.how != EXACT else "reported"
+    text = f"X is in the {which} {frame} frame"
+    found = {finding.code: finding.values for finding in result.findings}
+    frames = found.get("kinematics.against_controller", {})
+    own, other = ("tool", "base") if frame == "gripper" else ("base", "tool")
+    if frames.get(own) is not None:
+        text += f", {frame_size(frames[own])} from that of the model"
+    text += "."
+    if frames.get(other) is not None:
+        text += (
+            f" The reported {'base' if other == 'base' else 'tool'} is {frame_size(frames[other])} from the model's."
+        )
+    if found.get("kinematics.joint_3", {}).get("coupled"):
+        text += " Joint 3 is read as FANUC's pendant shows it."
+    return text
 
 
 def told_words(fitted: FittedKinematics) -> str:

@@ -31,6 +31,7 @@ from ...fit.diagnostics.sentences import DECLARE
 from ..result import Calibration
 from ..statement.accuracy import Accuracy, combined_parts, suits_of, two_numbers
 from ..statement.tolerance import Verdict
+from .arm import frame_words
 
 # Lines of the first screen, which fits a terminal of 80 columns.
 LINES = 26
@@ -60,7 +61,11 @@ def first_screen(
         Size of the text; ``lines=None``: as long as it is.
     """
     title, answer = [Heading(title_of(result, width))], answer_blocks(result, verdict)
-    checks, X = checks_block(result), x_blocks(result, width)
+    of_frame = frame_words(result)
+    checks, X = (
+        checks_block(result),
+        [*x_blocks(result, width), *([Paragraph(of_frame, hang="  ")] if of_frame else [])],
+    )
     end = [Paragraph(text, hang="  ") for text in last]
     document: Document = []
     groups: list[Sequence[Block]] = []

@@ -85,7 +85,9 @@ def _(
     n: int,
 ) -> str:
     frames = [
-        f"a {name} of {_frame(size)}" for name, size in (("tool frame", tool), ("base frame", base)) if size is not None
+        f"a {name} of {frame_size(size)}"
+        for name, size in (("tool frame", tool), ("base frame", base))
+        if size is not None
     ]
     than = f"after {' and '.join(frames)}" if frames else "in the same frames"
     return (
@@ -135,8 +137,8 @@ def _deg(rotation: float) -> str:
     return f"{digits(DEG_PER_RAD * rotation, 2)} deg"
 
 
-def _frame(size: Sequence[float]) -> str:
-    """Length and angle, without the one that is rounding."""
+def frame_size(size: Sequence[float]) -> str:
+    """Return angle (rad) and length (m) of a frame as length and angle, without the one that is rounding."""
     angle, length = size[:2]
     parts = [
         (length > 1e-5, f"{digits(MM_PER_M * length, 3)} mm"),
