@@ -102,3 +102,62 @@ def test_rows_that_name_their_side(tmp_path, words):
     (tmp_path / "both.csv").write_text(text.replace(words[1], "other"))
     with pytest.raises(InputError):
         read_poses(tmp_path / "both.csv")
+
+
+# -------------------------------------------------------------------------------------------------- tables with quotes
+
+
+def quoted(style):
+    """A table of odometry as rosbag_to_csv or pandas writes it: covariances in quotes, with commas between."""
+    T = POSES.robot
+    times = 1_700_000_000.25 + 2.0 * np.arange(N)
+    values = np.hstack([T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat()])
+    names = [f"pose.pose.position.{a}" for a in "xyz"] + [f"pose.pose.orientation.{a}" for a in "xyzw"]
+    cells = "(" + ", ".join(["0.0"] * 36) + ")" if style == "rosbag_to_csv" else str([0.0] * 36)
+    if style == "rosbag_to_csv":
+        header = ["time", ".header.seq", ".header.frame_id", *(f".{name}" for name in names), ".pose.covariance"]
+        rows = [[f"{t * 1e9:.0f}", str(k), "/odom", *map(repr, row), f'"{cells}"']
+                for k, (t, row) in enumerate(zip(times, values.tolist(), strict=True))]  # fmt: skip
+        return ", ".join(header) + "\n" + "".join(", ".join(row) + "\n" for row in rows)
+    header = ["timestamp", *names, "pose.covariance"]
+    rows = [[repr(t), *map(repr, row), f'"{cells}"'] for t, row in zip(times.tolist(), values.tolist(), strict=True)]
+    return ",".join(header) + "\n" + "".join(",".join(row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize("style", ["rosbag_to_csv", "pandas"])
+def test_quoted_fields(tmp_path, style):
+    (tmp_path / "odometry.csv").write_text(quoted(style))
+    write_pose_file(tmp_path / "camera.csv", POSES.camera, 1_700_000_000.25 + 2.0 * np.arange(N))
+    poses = read_poses(tmp_path / "odometry.csv", tmp_path / "camera.csv", pair="time")
+    assert_right(poses)
+    assert poses.timestamps[0] == pytest.approx(1_700_000_000.25, abs=1e-6)
+    assert ("timestamps in ns, as their size shows" in notes(poses)) == (style == "rosbag_to_csv")
+    (tmp_path / "odometry.csv").write_text(quoted(style).replace(')"', ")").replace(']"', "]"))
+    with pytest.raises(InputError, match="line 2: the quotation marks do not match"):
+        read_poses(tmp_path / "odometry.csv", tmp_path / "camera.csv")
+
+
+# ---------------------------------------------------------------------------------------------------- arrays and trees
+
+
+def test_one_pose_beside_the_poses(tmp_path):
+    rows = numbers(POSES.robot, "rotvec")
+    np.savez(tmp_path / "robot.npz", poses_of_robot_read=rows, waiting=rows[0])
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    poses = read_poses(tmp_path / "robot.npz", tmp_path / "camera.csv")
+    assert_right(poses)
+    assert "not used: the arrays 'waiting'" in notes(poses)
+    np.savez(tmp_path / "robot.npz", first=rows, second=rows)
+    with pytest.raises(InputError, match="expected the arrays robot and camera"):
+        read_poses(tmp_path / "robot.npz", tmp_path / "camera.csv")
+
+
+def test_a_list_of_poses_in_yaml_is_no_message_of_ros(tmp_path):
+    import yaml
+
+    for name, side in (("robot.yaml", POSES.robot), ("marker.yaml", POSES.camera)):
+        poses = [{"rotation": T[:3, :3].tolist(), "translation": T[:3, 3].tolist()} for T in side]
+        (tmp_path / name).write_text(yaml.safe_dump({"poses": poses}))
+    poses = read_poses(tmp_path / "robot.yaml", tmp_path / "marker.yaml")
+    assert_right(poses)
+    assert "read as json, by its content" in notes(poses)

@@ -17,8 +17,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 
+import numpy as np
+
 from ..core.files.table import name_and_unit
 from ..core.formatting.units import LENGTH_UNITS
+from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_NAME_CHARACTERS
 from .contents import COLUMNS
 
@@ -113,6 +116,17 @@ def seconds_of(text: str) -> float | None:
     except ValueError:
         return None
     return (found if found.tzinfo is not None else found.replace(tzinfo=UTC)).timestamp()
+
+
+def in_seconds(times: Array, unit: str) -> tuple[Array, str]:
+    """Return times of a column in seconds, and what is to be said of their unit: as it is named, or by their size."""
+    if SECONDS[unit] != 1.0:
+        return times * SECONDS[unit], f"timestamps in {unit}, as the column is named"
+    largest = float(np.nanmax(np.abs(times))) if len(times) else 0.0
+    for limit, finer in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):  # seconds since 1970 are 1.7e9
+        if largest > limit:
+            return times * SECONDS[finer], f"timestamps in {finer}, as their size shows"
+    return times, ""
 
 
 def counts_poses(name: str) -> bool:

@@ -28,7 +28,7 @@ from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
-from .columns import SECONDS, counts_poses, meaning_and_unit
+from .columns import counts_poses, in_seconds, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units, without_repeats
 
 HEADER = ",".join(COLUMNS)
@@ -60,10 +60,8 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         notes.append("quaternions with the scalar first, as the columns are named")
     times = None
     if "timestamp" in meant:
-        unit = unit_of["timestamp"] or "s"
-        times = table.values[:, meant.index("timestamp")] * SECONDS[unit]
-        if SECONDS[unit] != 1.0:
-            notes.append(f"timestamps in {unit}, as the column is named")
+        times, note = in_seconds(table.values[:, meant.index("timestamp")], unit_of["timestamp"] or "s")
+        notes += [note] if note else []
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
     translation = [meant.index(axis) for axis in "xyz"]
@@ -195,7 +193,7 @@ def _is_header(names: list[str]) -> bool:
     return False
 
 
-SCHEMA = Schema(f"the header {HEADER}", "pose", _places, named=_is_header)
+SCHEMA = Schema(f"the header {HEADER}", "pose", _places, named=_is_header, quotes=True)
 
 
 def is_csv_header(line: str) -> bool:

@@ -28,7 +28,7 @@ from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, conversion
-from .matrices.arrays import is_poses, side_of_array
+from .matrices.arrays import is_one_pose, is_poses, side_of_array
 from .opencv_storage import Joined, joined_pairs
 
 MAX_ARRAYS = 100
@@ -126,11 +126,15 @@ def _of_arrays(
     if sides:
         return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
     stacks = [either] if either else [one for one in arrays.items() if one[0] not in TIMES and is_poses(one[1].shape)]
+    if len(stacks) > 1:  # beside a single pose, such as one at which the robot waits
+        stacks = [(key, values) for key, values in stacks if not is_one_pose(values.shape)] or stacks
     if len(stacks) != 1:
         return None
     ((key, values),) = stacks
     side, said = side_of_array(values, f"{name}, {short(key)}", None, times_of(common))
-    return Contents(only=side, notes=(f"poses from {short(key)}", *said))
+    left = short(", ".join(one for one in arrays if one not in (key, common)))
+    notes = [f"poses from {short(key)}", *said, *([f"not used: the arrays {left}"] if left and not either else [])]
+    return Contents(only=side, notes=tuple(notes))
 
 
 def _numbers(array: NDArray[Any], where: str) -> Array:

@@ -23,7 +23,8 @@ from .ros_sides import side_of
 _FIRST = re.compile(
     r"\{?(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*($|[{\[])"
 )
-_PART = re.compile(r"(^|[\s{-])(position|translation):\s*($|\{)", re.MULTILINE)
+# A part with x below it, not a list.
+_PART = re.compile(r"(?:^|[\s{-])(?:position|translation):\s*(?:\{\s*)?x:", re.MULTILINE)
 _NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 

@@ -21,9 +21,9 @@ from ...errors import InputError
 from ..columns import (
     QUATERNIONS,
     ROTATIONS,
-    SECONDS,
     ColumnError,
     Columns,
+    in_seconds,
     is_pose_header,
     measured,
     pose_columns,
@@ -314,8 +314,10 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
             rotation = rotation[:, :3] / np.linalg.norm(rotation[:, :3], axis=1)[:, None] * rotation[:, 3:]
         kind, form, names = "rotvec", None, (*names[:4], *(f"{one} times angle" for one in names[4:7]))
         notes.append("axis and angle read as a rotation vector")
-    times, note = _times(values, columns)
-    notes += [note] if note else []
+    times = None
+    if columns.time is not None:
+        times, note = in_seconds(values[:, columns.time], columns.time_unit)
+        notes += [note] if note else []
     readings, said, others = interpret(kind, position, rotation, form, columns.length, columns.angle)
     notes += said
     if len(readings) == 1:
@@ -366,17 +368,3 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns {got}. Leave --format "
             f"out, or rename the columns; {HELP}."
         )
-
-
-def _times(values: Array, columns: Columns) -> tuple[NDArray[np.float64] | None, str]:
-    """Return the times in seconds, and what is to be said of their unit."""
-    if columns.time is None:
-        return None, ""
-    times = values[:, columns.time] * SECONDS[columns.time_unit]
-    if SECONDS[columns.time_unit] == 1.0:
-        largest = np.nanmax(np.abs(times)) if len(times) else 0.0
-        for limit, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):  # seconds since 1970 are 1.7e9
-            if largest > limit:
-                return times * SECONDS[unit], f"timestamps in {unit}, as their size shows"
-        return times, ""
-    return times, f"timestamps in {columns.time_unit}, as the column is named"

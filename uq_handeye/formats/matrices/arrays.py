@@ -27,6 +27,11 @@ def is_poses(shape: tuple[int, ...]) -> bool:
     return shape in _ONE or shape[1:] in ((4, 4), (3, 4), *((k,) for k in (*_PER_ROW, 6, 7, 8))) or _last_axis(shape)
 
 
+def is_one_pose(shape: tuple[int, ...]) -> bool:
+    """Return whether an array of this shape is one pose, not several."""
+    return shape in _ONE
+
+
 def _last_axis(shape: tuple[int, ...]) -> bool:
     """Return whether the poses are counted by the last axis, as MATLAB does."""
     return len(shape) == 3 and shape[:2] in ((4, 4), (3, 4))
