@@ -75,7 +75,13 @@ def one_camera(poses):
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-@pytest.mark.parametrize(("method", "given"), [("efficient", True), ("ml", False), ("efficient", False)])
+@pytest.mark.parametrize(
+    ("method", "given"),
+    [
+        ("efficient", True),
+        *(pytest.param(method, False, marks=pytest.mark.slow) for method in ("ml", "efficient")),
+    ],
+)
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_one_camera_is_calibrate(setup, method, given):
     """One answer to the same data, by the same names as of several cameras, and the same file read back."""
