@@ -1,5 +1,7 @@
 """Forms in which people keep both sides, or one, of a calibration: read by themselves, with a note that says how."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
+from uq_handeye.formats.opencv_storage import matrix_lines
 from uq_handeye.read import read_poses, write_pose_file
 
 N = 14
@@ -161,3 +164,97 @@ def test_a_list_of_poses_in_yaml_is_no_message_of_ros(tmp_path):
     poses = read_poses(tmp_path / "robot.yaml", tmp_path / "marker.yaml")
     assert_right(poses)
     assert "read as json, by its content" in notes(poses)
+
+
+def test_two_lists_of_matrices_by_their_order(tmp_path):
+    """TransformPairs.yml of camodocal: T1_k of the robot, T2_k of the camera."""
+    sides = {"T1": POSES.robot, "T2": POSES.camera}
+    text = f"%YAML:1.0\nframeCount: {N}\n"
+    for k in range(N):
+        text += "".join("\n".join(matrix_lines(f"{name}_{k}", T[k])) + "\n" for name, T in sides.items())
+    (tmp_path / "TransformPairs.yml").write_text(text)
+    poses = read_poses(tmp_path / "TransformPairs.yml")
+    assert_right(poses)
+    assert "robot poses from T1 | camera poses from T2" in notes(poses)
+    (tmp_path / "TransformPairs.yml").write_text(text.replace("T2_", "K_"))
+    with pytest.raises(InputError, match="expected R_gripper2base"):
+        read_poses(tmp_path / "TransformPairs.yml")
+
+
+@pytest.mark.parametrize("by_rows", [False, True])
+@pytest.mark.parametrize("given", ["captured", "captured/pose_*/*.json"])
+def test_a_folder_per_pose_with_both_sides_in_its_json(tmp_path, monkeypatch, by_rows, given):
+    monkeypatch.chdir(tmp_path)
+    vectors = Rotation.from_matrix(POSES.camera[:, :3, :3]).as_rotvec()
+    for k in range(N):
+        folder = tmp_path / "captured" / f"pose_{k}"
+        folder.mkdir(parents=True)
+        G, C = POSES.robot[k], POSES.camera[k]
+        content = {
+            "joint_pose": [0.1] * 7,
+            "O_T_EE": (G if by_rows else G.T).ravel().tolist(),
+            "camera_intrinsics": np.diag([600.0, 600.0, 1.0]).tolist(),
+            "T_cam_target_rvec": vectors[k][:, None].tolist(),
+            "T_cam_target_tvec": C[:3, 3][:, None].tolist(),
+        }
+        (folder / "data.json").write_text(json.dumps(content, indent=1))
+        (folder / "picture.png").write_bytes(b"\x89PNG")
+    poses = read_poses(given)
+    assert_right(poses)
+    assert "camera poses from T_cam_target" in notes(poses)
+    assert f"{N} files, pose_0/data.json to pose_{N - 1}/data.json" in notes(poses)
+    (tmp_path / "captured" / "pose_3" / "data.json").rename(tmp_path / "captured" / "pose_3" / "other.json")
+    with pytest.raises(InputError):
+        read_poses("captured")
+
+
+# --------------------------------------------------------------------------------------------------- what a file says
+
+
+def declared(tmp_path, text, name="robot.yaml"):
+    (tmp_path / name).write_text(text)
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    return read_poses(tmp_path / name, tmp_path / "camera.csv")
+
+
+def test_numbered_rows_with_units(tmp_path):
+    rows = numbers(POSES.robot, "rotvec", 1e3).tolist()
+    head = f"num_of_poses: {N}\nrot_type: rotation vector\ndistance_unit: mm\nangle_unit: radian\n"
+    text = "%YAML:1.0\n---\n" + head + "".join(f"pose{k + 1}: {row}\n" for k, row in enumerate(rows))
+    poses = declared(tmp_path, text)
+    assert_right(poses)
+    assert "lengths in mm, as the file says | rotations are rotvec-rad, as the file says" in notes(poses)
+
+
+@pytest.mark.parametrize(
+    ("said", "form", "length"),
+    [
+        ({"units": {"translation": "mm", "rotation": "deg"}, "euler_order": "ZYX"}, "ZYX", 1e3),
+        ({"units": "cm", "angle_unit": "degrees", "convention": "rpy"}, "xyz", 100.0),
+        ({"unit": "metres", "rotation_type": "Rodrigues"}, "rotvec", 1.0),
+    ],
+)
+def test_declarations_beside_rows(tmp_path, said, form, length):
+    poses = declared(tmp_path, json.dumps({**said, "poses": numbers(POSES.robot, form, length).tolist()}), "robot.json")
+    assert_right(poses)
+    assert f"rotations are {form}" in notes(poses) and "as the file says" in notes(poses)
+    assert ("robot and camera agree" in notes(poses)) == (form == "rotvec")  # in rad or deg: the file does not say
+
+
+@pytest.mark.parametrize("convention", ["base2gripper", "gripper_T_base", "T_ee_base"])
+def test_declared_frames_are_believed(tmp_path, convention):
+    inverted = np.linalg.inv(POSES.robot)
+    poses = declared(tmp_path, json.dumps({"convention": convention, "poses": inverted.tolist()}), "robot.json")
+    assert_right(poses)
+    assert "poses are gripper_T_base, as the file says" in notes(poses)
+
+
+def test_declarations_in_comments(tmp_path):
+    inverted = np.linalg.inv(POSES.robot)
+    text = "# units: mm\n# convention = base2gripper\nx,y,z,qx,qy,qz,qw\n" + lines(numbers(inverted, "xyzw", 1e3), ",")
+    poses = declared(tmp_path, text, "robot.csv")
+    assert_right(poses)
+    with pytest.raises(InputError, match="declares lengths in mm, and its columns name cm"):
+        declared(tmp_path, text.replace("x,y,z", "x [cm],y [cm],z [cm]"), "robot.csv")
+    remarks = "# note: taken on monday\n# units: parsecs\n# frame: 12\nx,y,z,qx,qy,qz,qw\n"
+    assert_right(declared(tmp_path, remarks + lines(numbers(POSES.robot, "xyzw"), ","), "robot.csv"))

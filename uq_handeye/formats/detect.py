@@ -27,6 +27,7 @@ from .controllers.readings import in_convention
 from .controllers.records import entries_of, is_records
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, read_csv
+from .declared import believed, of_comments, of_tree
 from .easy_handeye import read_easy_handeye, read_easy_handeye2
 from .foreign_files import refuse_foreign
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
@@ -38,7 +39,7 @@ from .matrices.text import is_tree
 from .moveit import NAMES as MOVEIT_NAMES
 from .moveit import read_moveit
 from .numpy_poses import read_npy, read_npz
-from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
+from .opencv_storage import PAIRS, is_of_opencv, is_storage, joined_parts, read_opencv
 from .text_formats import TEXTS, named_by
 from .tum_poses import names_order, read_tum
 
@@ -146,8 +147,9 @@ def _of(format: str, head: bytes = b"") -> str:
 
 
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
-    if kind in _TABLES and _is_plain(file.peek(HEAD_BYTES)):
-        return kind, _TABLES[kind](file, name)
+    if kind in _TABLES and _is_plain(head := file.peek(HEAD_BYTES)):
+        said = of_comments(_text(head[:HEAD_BYTES]))
+        return kind, believed(_TABLES[kind](file, name), said, name)
     limit = MAX_TABLE_BYTES if kind in _ARRAYS else MAX_DESCRIPTION_BYTES
     pieces: list[bytes] = []
     total = 0
@@ -157,13 +159,16 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         require_size(total, limit, path)
     data = b"".join(pieces)
     if kind in _TABLES:
-        return kind, _TABLES[kind](BytesIO(_text(data).encode()), name)
+        text = _text(data)
+        return kind, believed(_TABLES[kind](BytesIO(text.encode()), name), of_comments(text[:HEAD_BYTES]), name)
     if kind in _ARRAYS:
         contents = _ARRAYS[kind](data, name)
         return format or kind, contents if format not in CONTROLLERS else in_convention(contents, CONTROLLERS[format])
     if kind in TEXTS:
-        return kind, TEXTS[kind].read(_text(data), name)
-    tree = parse_tree(data, name, several=True)
+        text = _text(data)
+        return kind, believed(TEXTS[kind].read(text, name), of_comments(text[:HEAD_BYTES]), name)
+    tree = joined_parts(parse_tree(data, name, several=True))
+    said = of_tree(tree)
     where = ""
     if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
@@ -180,7 +185,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         contents = _TREES[found](tree, name)
         if where:
             contents = replace(contents, notes=(f"poses from {short(where)}", *contents.notes))
-        return format or found, contents if maker is None else in_convention(contents, maker)
+        return format or found, believed(contents, said, name) if maker is None else in_convention(contents, maker)
     except InputError as error:
         others = [other for other, is_it in _MARKS.items() if is_it(tree)]
         if found in others or not others:

@@ -43,7 +43,8 @@ def joined_contents(
         total.update(bytes.fromhex(source.sha256))
     notes = list(dict.fromkeys(note for source in sources for note in source.notes))[:5]
     notes += left
-    notes.append(f"{len(paths)} files, {shown(Path(paths[0].name))} to {shown(Path(paths[-1].name))}, by their names")
+    names = _names(paths)
+    notes.append(f"{len(paths)} files, {shown(Path(names[0]))} to {shown(Path(names[-1]))}, by their names")
     size = sum(source.size for source in sources)
     source = Source(shown(Path(Path(name).name)), sources[0].format, size, total.hexdigest(), tuple(notes))
     joined = {role: _joined(name, paths, [getattr(one, role) for one in contents]) for role in _sides_of(contents[0])}
@@ -79,6 +80,12 @@ def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
         rows=None,
         readings=readings,
         others=tuple(reading for reading in first.others if all(reading in side.others for side in sides)),
-        labels=tuple(shown(Path(path.name)) for path in paths),
-        numbers=numbers_in(path.name for path in paths),
+        labels=tuple(shown(Path(one)) for one in _names(paths)),
+        numbers=numbers_in(one.partition("/")[0] for one in _names(paths)),
     )
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files, with their folders where all have one name."""
+    same = len({path.name for path in paths}) == 1 < len(paths)
+    return [f"{path.parent.name}/{path.name}" if same else path.name for path in paths]

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from ..core.files.one_line import short
-from ..core.files.pose_names import pose_name
-from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, items_of, number
+from ..core.files.pose_names import pose_name, sides_of_names
+from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, is_plain_number, items_of, number
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..errors import InputError
-from .contents import Contents, matrices_side
+from .contents import FRAMES, Contents, matrices_side
 
 # The names of rotation and translation, the side and the frame that OpenCV documents.
 PAIRS = (
@@ -99,12 +99,58 @@ def read_opencv(tree: Tree, name: str) -> Contents:
                 raise InputError(f"{name}, {key}: expected six numbers in each row, got {got(tree[key])}.")
             where = f"{name}, {key}"
             take("camera", key, joined(values[:, :3], values[:, 3:], where, where), "camera_T_target")
-    if not sides and is_storage(tree) and len(alone := _poses_alone(tree)) == 1:
+    alone = _poses_alone(tree) if not sides and is_storage(tree) else {}
+    if len(alone) == 1:
         ((key, T),) = alone.items()
         return Contents(only=matrices_side(f"{name}, {short(key)}", T), notes=(f"poses from {short(key)}",))
+    if (roles := sides_of_names(alone)) is not None:
+        for key, role in roles.items():
+            take(role, key, alone[key], FRAMES[role][0])
     if not sides:
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
     return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+
+
+# Endings of the names of a rotation and a translation that make one pose: T_cam_target_rvec, T_cam_target_tvec.
+_PARTS = tuple(
+    (f"_{rotation}", f"_{translation}")
+    for rotation, translation in (
+        ("rvec", "tvec"), ("R", "t"), ("rot", "trans"), ("rotation", "translation"), ("rotvec", "translation"),
+        ("rotvec", "position"), ("rotation", "position"), ("rotation_vector", "translation_vector"),
+    )
+)  # fmt: skip
+
+
+def joined_parts(tree: Tree) -> Tree:
+    """Return a tree in which a rotation and a translation of one name are the pose of that name, a 4x4 matrix.
+
+    Rotations are matrices or rotation vectors in rad; names are those that `pose_name` knows.
+    """
+    if is_list(tree):
+        return [joined_parts(entry) if is_map(entry) else entry for entry in tree]
+    if not is_map(tree):
+        return tree
+    found: dict[str, Tree] = {}
+    for key in tree:
+        for R_end, t_end in _PARTS:
+            stem = str(key).removesuffix(R_end)
+            other = f"{stem}{t_end}"
+            if stem == key or other not in tree or stem in tree or pose_name(stem) is None:
+                continue
+            R, t = (np.array(numbers, dtype=float) for numbers in map(_flat, (tree[key], tree[other])))
+            if R.size in (3, 9) and t.size == 3 and np.isfinite(R).all() and np.isfinite(t).all():
+                found |= {str(key): None, other: None, stem: joined(R, t, stem, stem)[0].tolist()}
+    return {key: value for key, value in {**tree, **found}.items() if value is not None} if found else tree
+
+
+def _flat(value: Tree) -> list[float]:
+    """Return the numbers of nested lists, or of a matrix of OpenCV; none of anything else."""
+    if _is_matrix(value):
+        return _flat(fields_of(value)["data"])
+    if is_list(value):
+        parts = [_flat(one) if is_list(one) else [one] for one in value[:9]]
+        return [one for part in parts for one in part if is_plain_number(one)]
+    return []
 
 
 def _poses_alone(tree: dict[str, Tree]) -> dict[str, Array]:

@@ -54,13 +54,13 @@ def paths_of(path: Path) -> tuple[list[Path], list[str]]:
                 f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what "
                 "is in it."
             )
-        poses = [
-            child for child in found if child.suffix.lower() not in OTHER_FILES and child.stem.lower() not in NOTES
-        ]
+        poses = [child for child in found if _may_hold_poses(child)]
         if poses and len(poses) < len(found):
             others = sorted({child.suffix.lower() or child.name for child in found if child not in poses})
             notes.append(f"{len(found) - len(poses)} files that hold no poses are left out ({', '.join(others[:6])})")
             found = poses
+        if not found:
+            found = _one_in_each(path)
         counts = Counter(child.suffix.lower() for child in found)
         if len(counts) > 1:
             kinds = ", ".join(f"{number} {suffix or 'without suffix'}" for suffix, number in counts.most_common(6))
@@ -79,6 +79,21 @@ def paths_of(path: Path) -> tuple[list[Path], list[str]]:
         raise InputError(f"Expected at most {MAX_FILES} files, got {len(found)} by {shown(path)}.")
     _one_kind(path, found)
     return sorted(found, key=natural), notes
+
+
+def _may_hold_poses(path: Path) -> bool:
+    """Return whether a file is no picture, cloud or note."""
+    return path.suffix.lower() not in OTHER_FILES and path.stem.lower() not in NOTES
+
+
+def _one_in_each(path: Path) -> list[Path]:
+    """Return the file of poses in each folder of a folder, ``pose_00/data.json``; none unless all have one name."""
+    folders = [child for child in path.iterdir() if child.is_dir() and not _hidden(child.name)][: MAX_FILES + 1]
+    found = []
+    for folder in folders:
+        inside = [child for child in folder.iterdir() if child.is_file() and not _hidden(child.name)]
+        found += [child for child in inside if _may_hold_poses(child)]
+    return found if len(found) == len(folders) and len({child.name for child in found}) == 1 else []
 
 
 def _meant(path: Path) -> Path:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from functools import lru_cache
 
 from ..numbers.limits import MAX_NAME_CHARACTERS
 
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _FRAMES = {
-    "base": ("base", "world", "robotbase", "baselink", "fixed"),
+    "base": ("base", "world", "robotbase", "baselink", "fixed", "o"),  # O of Franka
     "gripper": ("gripper", "hand", "tool", "tcp", "ee", "eef", "flange", "endeffector", "effector", "wrist"),
     "camera": ("camera", "cam", "optical"),
     "target": (
@@ -30,6 +31,31 @@ _SIDES = {
     ("camera", "target"): ("camera", "camera_T_target"),
     ("target", "camera"): ("camera", "target_T_camera"),
 }
+
+
+# Names of the robot's and the camera's poses that mean nothing alone: by their order, or by words.
+_ORDERED = re.compile(r"(T|H|M|pose|poses|transform|transforms|trans)[_ ]?([12])", re.IGNORECASE)
+_WORDS_OF_SIDES = (("hand", "eye"), ("arm", "eye"), ("robot", "eye"), ("gripper", "target"))
+
+
+def sides_of_names(names: Collection[str]) -> dict[str, str] | None:
+    """Return side by name of two names that say it together only: T1 and T2 of camodocal, hand and eye; else None.
+
+    >>> sides_of_names(["T2", "T1"]), sides_of_names(["A", "B"])
+    ({'T1': 'robot', 'T2': 'camera'}, None)
+    """
+    if len(names) != 2:
+        return None
+    matches = [_ORDERED.fullmatch(name) for name in names]
+    numbers = {name: (match[1].lower(), match[2]) for name, match in zip(names, matches, strict=True) if match}
+    if len(numbers) == 2 and len({stem for stem, _ in numbers.values()}) == 1:
+        first, second = sorted(numbers, key=lambda name: numbers[name][1])
+        return {first: "robot", second: "camera"} if numbers[first] != numbers[second] else None
+    small = {re.sub(r"[_ ]?(?:poses?|list|matrices)$", "", name.lower()): name for name in names}
+    for robot, camera in _WORDS_OF_SIDES:
+        if set(small) == {robot, camera}:
+            return {small[robot]: "robot", small[camera]: "camera"}
+    return None
 
 
 @lru_cache(maxsize=4096)

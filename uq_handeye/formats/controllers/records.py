@@ -51,11 +51,17 @@ def entries_of(tree: Any) -> tuple[Any, str]:
     columns = {key: found.tolist() for key, value in whole.items() if (found := _vector(value)) is not None}
     if is_pose_header(tuple(columns)) and len({len(column) for column in columns.values()}) == 1:
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)], ""
-    lists = {str(key): value for key, value in tree.items() if is_records(value)}
+    lists = {str(key): value for key, value in tree.items() if is_records(value) or _is_rows(value)}
     if len(lists) != 1:
         return tree, ""
     ((key, found),) = lists.items()
     return found, key
+
+
+def _is_rows(value: Any) -> bool:
+    """Return whether a list holds six or seven numbers per pose."""
+    found = numbers_of(value)
+    return found is not None and found.ndim == 2 and found.shape[1] in (6, 7) and len(found) > 1
 
 
 def _vector(value: Any) -> Array | None:

@@ -23,6 +23,8 @@ from .number_lines import number_lines
 _FRANKA = (Reading("franka", "matrix", "m"),)
 HELP = "docs/formats.md, Franka"
 _KEY = re.compile(r"(?<![A-Za-z0-9_])O_T_EE[\"']?\s*[:=]\s*")
+# Entries of JSON that hold the pose of a target beside that of the robot.
+_SEEN = re.compile(r"\"[\w.]*(?:target|board|marker|tag|pattern|aruco|rvec|object)[\w.]*\"\s*:\s*\[", re.IGNORECASE)
 _NUMBERS = re.compile(
     r"[\s\[\]{},-]*?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)(?=[\s\[\]{},]|$)", re.IGNORECASE
 )
@@ -31,7 +33,7 @@ _NUMBERS = re.compile(
 def is_franka(head: str) -> bool:
     """Return whether a text names the numbers of O_T_EE."""
     if _KEY.search(head):
-        return True
+        return not (head.lstrip().startswith("{") and _SEEN.search(head))
     return FRANKA in head.lower() and names_matrices(head)
 
 

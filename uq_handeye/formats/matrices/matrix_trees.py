@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files.folders import natural
-from ...core.files.tree_values import Tree, got, is_list, is_map, is_plain_number, items_of
+from ...core.files.tree_values import Tree, fields_of, got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_ROWS
 from ...errors import InputError
@@ -78,7 +78,7 @@ def listed(tree: Tree) -> Tree:
         return [{"translation": values[:3], "rotvec": values[3:]}]
     stems: dict[str, list[str]] = {}
     for key, value in tree.items():
-        if is_map(value) and (match := _NUMBERED.fullmatch(str(key))) is not None:
+        if (is_map(value) or _is_row(value)) and (match := _NUMBERED.fullmatch(str(key))) is not None:
             stems.setdefault(match[1].rstrip("_- [("), []).append(key)
     lists = {
         stem: [tree[key] for key in sorted(keys, key=natural)]
@@ -86,10 +86,16 @@ def listed(tree: Tree) -> Tree:
         if len(keys) > 1 and stem not in tree
     }
     every = next(iter(lists.values()), [])
-    if len(lists) == 1 and len(tree) == len(every) and not {"rows", "cols", "data"} <= set(every[0]):  # of OpenCV
+    if len(lists) == 1 and len(tree) == len(every) and not {"rows", "cols", "data"} <= set(fields_of(every[0])):
         return every
     taken = {key for stem in lists for key in stems[stem]}
     return {**{key: listed(value) for key, value in tree.items() if key not in taken}, **lists}
+
+
+def _is_row(value: Tree) -> bool:
+    """Return whether a value is the six or seven numbers of a pose."""
+    found = numbers_of(value)
+    return found is not None and found.shape in ((6,), (7,))
 
 
 def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
