@@ -60,7 +60,10 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         notes.append("quaternions with the scalar first, as the columns are named")
     times = None
     if "timestamp" in meant:
-        times, note = in_seconds(table.values[:, meant.index("timestamp")], unit_of["timestamp"] or "s")
+        column = meant.index("timestamp")
+        times, note = table.values[:, column], ""
+        if names[column] != "timestamp":  # which is in seconds, as the table of poses is defined
+            times, note = in_seconds(times, unit_of["timestamp"] or "s")
         notes += [note] if note else []
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
