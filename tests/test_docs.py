@@ -205,6 +205,7 @@ def test_every_extra_is_in_the_table_of_installs(page):
         "camera",
         "pdf",
         "rosbag",
+        "parquet",
         "sdp",
         "cluster",
         "live",

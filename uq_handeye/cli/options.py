@@ -204,9 +204,9 @@ class Common:
       RESULT: Result file: result.json of calibrate -o.
 
     Options (Robot joints):
-      --joint-units UNIT <JOINT_UNITS>: Unit of the joint values: rad, deg, deg,mm with prismatic joints, or
-        deg,pendant where joint 3 of a FANUC arm is that of its pendant.
-        Default: as the header says.
+      --joint-units UNIT <JOINT_UNITS>: Unit of the joint values: rad, deg, deg,mm with prismatic joints,
+        deg,pendant where joint 3 of a FANUC arm is that of its pendant, or the calibration file of LeRobot (.json) for
+        values from -100 to 100. Default: as the header says.
       --robot-class NAME <EVERY_CLASS>: Class of the arm. With its kinematics ({ROBOT_CLASSES}) it sets the standard
         deviations not given. Default: industrial. Without ({ACCURACY_CLASSES}) it sets the accuracy that is assumed of
         the robot: 0.15, 0.6 or 2 mm, within a factor of 2.

@@ -25,6 +25,7 @@ from ..model.kinematics.against_controller import compare_with_controller
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.joint_readings import (
     COUPLED,
+    PERCENT,
     JointReading,
     JointSeries,
     is_coupled,
@@ -39,6 +40,8 @@ from .readings import DECISIVE_RATIO
 
 # Poses that are looked at; one reading holds for all rows of a file.
 MAX_POSES_TRIED = 60
+# Shares of ranges that are only the limits of the arm fit roughly: they are named if they fit better by this factor.
+PERCENT_RATIO = 4.0
 
 
 class _Misfit(NamedTuple):
@@ -80,7 +83,8 @@ def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_co
     if not by_controller and not now.fits:
         longer = None if series is None or arm.series is None else JointSeries(arm.series.names, series[rows])
         for reading in _by_angles(_tried(chain, few.joints, longer), chain, few):
-            if _decides(misfit(reading.q), now):
+            other = misfit(reading.q)
+            if _decides(other, now) or (reading.name == PERCENT and other.rotation * PERCENT_RATIO < now.rotation):
                 values = {"name": PurePath(arm.name).name, "meant": reading.name, "joints": list(reading.joints)}
                 values |= {"rotation": now.rotation, "translation": now.translation}
                 found.append(Finding("kinematics.another_reading", "failure", values))
@@ -128,7 +132,8 @@ def _by_angles(readings: Iterator[JointReading], chain: Kinematics, poses: PoseP
     seen = _angles(poses.camera)
     for reading in readings:
         difference = _angles(chain.poses(reading.q)) - seen
-        if np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION_RAD:
+        most = 2.0 * LARGE_ROTATION_RAD * (PERCENT_RATIO if reading.name == PERCENT else 1.0)
+        if np.sqrt(np.mean(difference**2)) < most:
             yield reading
 
 

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from .arms.known_arms import known_arm, maker_of
+from .lerobot import MAX_SHARE
 
 if TYPE_CHECKING:
     from .chain import Kinematics
 
-COUPLED = "coupled"
-# Largest value of a joint in per cent of its range to either side of the middle; the rest is rounding.
-MAX_PERCENT = 100.5
+COUPLED, PERCENT = "coupled", "percent"
 # All orders of the joints are tried of arms up to this number of joints, the likely ones of others.
 MAX_PERMUTED_JOINTS = 6
 # Names of FANUC arms in robot descriptions, such as fanuc_m10ia, crx10ia_l, lrmate200id, r2000ic165f.
@@ -73,11 +73,18 @@ def likely_readings(kinematics: Kinematics, q: Array, series: JointSeries | None
         for first in range(1, len(series.names) - len(names) + 1):
             window = slice(first, first + len(names))
             yield JointReading("columns", series.names[window], series.values[:, window])
-    lower, upper = kinematics.limits.T
-    if turns.all() and np.isfinite(kinematics.limits).all():
+    lower, upper = _ranges(kinematics).T
+    if turns.all() and np.isfinite(lower + upper).all():
         for percent in (q, np.degrees(q)):
-            if 2 * np.pi < np.abs(percent).max() <= MAX_PERCENT:
-                yield JointReading("percent", (), 0.5 * (lower + upper) + 0.005 * (upper - lower) * percent)
+            if 2 * np.pi < np.abs(percent).max() <= MAX_SHARE:
+                yield JointReading(PERCENT, (), 0.005 * (upper - lower) * percent)
+
+
+def _ranges(kinematics: Kinematics) -> Array:
+    """Return the limits of the joints (L, 2); of an arm of the table the range in ordinary work."""
+    if (maker := maker_of(kinematics.name)) is None:
+        return kinematics.limits
+    return known_arm(kinematics.name.removeprefix(f"{maker} ")).usual
 
 
 def single_readings(kinematics: Kinematics, q: Array) -> Iterator[JointReading]:

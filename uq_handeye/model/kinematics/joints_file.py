@@ -9,6 +9,8 @@ of ``rostopic echo -p``, with the names of a ``JointState`` in columns ``name0``
 Arrays: ``.npy`` (n, L) in the order of the arm, or ``.npz`` with the array ``q``, ``joints``, ``joint_positions`` or
 ``position`` (n, L), ``names`` (L) of its columns, and ``timestamps`` (n).
 
+Data sets of LeRobot and other parquet files: `lerobot`.
+
 Values are in rad and m unless the header or the caller says otherwise. Joint 3 of a FANUC arm is the angle between
 upper arm and forearm, unless the caller says that it is the pendant's (`joint_readings`). Degrees that are read as
 radians lie far outside the limits of the joints, and are refused.
@@ -20,6 +22,7 @@ import re
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -39,6 +42,7 @@ from .chain import Kinematics
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
 from .joint_columns import Joints, joint_columns
 from .joint_readings import JointSeries, is_coupled, uncoupled
+from .lerobot import MAX_SHARE, STATE, MotorRange, angles_of_shares, read_frames, read_motor_ranges
 
 # Lists of names in rows that name their joints.
 MAX_ORDERS = 1000
@@ -81,6 +85,7 @@ class _Wanted:
     units: dict[str, str]  # by kind
     coupled: bool = False  # FANUC's pendant would show joint 3 from the horizontal
     pendant: bool = False  # it is said to be so
+    motors: dict[str, MotorRange] = field(default_factory=dict)  # ranges of which the values are shares
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -98,6 +103,7 @@ class _Columns:
 
     time: tuple[int, float] | None = None  # column, seconds per unit
     joints: list[int] = field(default_factory=list)  # columns of the joints, in the order of the arm
+    names: tuple[str, ...] = ()  # of these columns
     series: list[int] = field(default_factory=list)  # columns of a series that is longer than the arm
     series_names: tuple[str, ...] = ()
     units: list[str | None] = field(default_factory=list)  # of each joint, as its column says
@@ -107,6 +113,7 @@ class _Columns:
         """Find the columns of the joints by their names, and note how they were found and which are not used."""
         found = joint_columns(names, wanted.joints, where)
         self.joints, self.units = [of[0][0] for of in found.columns], [of[0][1] for of in found.columns]
+        self.names = tuple(names[k] for k in self.joints)
         if found.note:
             wanted.notes.append(found.note)
         if self.joints != sorted(self.joints):
@@ -131,12 +138,13 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
 
     Parameters
     ----------
-    path : path of a CSV, ``.npy`` or ``.npz`` file, or NamedJoints
+    path : path of a CSV, ``.npy``, ``.npz`` or parquet file, or NamedJoints
     arm : Kinematics, or names of revolute joints
         Its joint limits tell degrees from radians.
     units : str or None
         Unit of columns that say none, such as ``"deg"``, ``"mm"`` or ``"deg,mm"``; left out, rad and m. With
-        ``pendant`` among them, as ``"deg,pendant"``, J3 of a FANUC arm counts from the horizontal.
+        ``pendant`` among them, as ``"deg,pendant"``, J3 of a FANUC arm counts from the horizontal. The path of a
+        calibration of LeRobot (``"my_arm.json"``): the values are shares from -100 to 100 of its ranges.
 
     Raises
     ------
@@ -162,7 +170,9 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
         name = shown(path)
         with opened(path, MAX_TABLE_BYTES) as file:
             start = file.peek(8)[:8] if hasattr(file, "peek") else b""
-            if start.startswith((b"PK\3\4", b"\x93NUMPY")):
+            if start.startswith(b"PAR1"):
+                times, values, columns = _from_frames(path, name, wanted)
+            elif start.startswith((b"PK\3\4", b"\x93NUMPY")):
                 data = file.read(MAX_TABLE_BYTES + 1)
                 if len(data) > MAX_TABLE_BYTES:
                     raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB, got more.")
@@ -177,7 +187,7 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
             times, values, lines = times[rows], values[rows], None if lines is None else lines[rows]
             at = _row_names(name, lines)
     _check_finite(values[:, :L], wanted, at)
-    q = _in_units(values[:, :L], columns.units, wanted, at, name)
+    q = _in_units(values[:, :L], columns, wanted, at, name)
     if times is not None:
         if not np.isfinite(times).all():
             raise InputError(f"{at(int(np.argmin(np.isfinite(times))))}: expected a finite timestamp.")
@@ -199,6 +209,7 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
         joints, limits = Joints("", tuple(arm), (REVOLUTE,) * len(arm)), None
     said: dict[str, str] = {}
     coupled, pendant = isinstance(arm, Kinematics) and is_coupled(arm), False
+    motors: dict[str, MotorRange] = {}
     if units is not None:
         for word in units.split(",") if isinstance(units, str) else [repr(units)]:
             if word.strip() == PENDANT and not pendant:
@@ -209,6 +220,9 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
                         "horizontal. Leave it out."
                     )
                 continue
+            if word.strip().endswith(".json"):
+                motors = read_motor_ranges(as_path(word.strip()))
+                continue
             kind = _kind_of_unit(word.strip())
             if kind is None or kind in said:
                 known = ", ".join((*ANGLE_UNITS, *LENGTH_UNITS))
@@ -217,7 +231,12 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
                     f"{units!r}."
                 )
             said[kind] = word.strip()
-    return _Wanted(joints, limits, said, coupled, pendant)
+    if motors and (REVOLUTE in said or PRISMATIC in joints.kinds):
+        raise InputError(
+            f"`units` (--joint-units) {units}: a calibration of LeRobot is for shares from -100 to 100 of the range of "
+            "each motor, without another unit. Give one of them."
+        )
+    return _Wanted(joints, limits, said, coupled, pendant, motors)
 
 
 def _kind_of_unit(unit: str) -> str | None:
@@ -240,8 +259,12 @@ def _check_finite(values: Array, wanted: _Wanted, at: Callable[[int], str]) -> N
 # Units and limits
 
 
-def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Callable[[int], str], name: str) -> Array:
+def _in_units(values: Array, columns: _Columns, wanted: _Wanted, at: Callable[[int], str], name: str) -> Array:
     """Values in rad and m, checked against the limits of the joints."""
+    named = columns.units
+    if wanted.motors and not any(named):
+        wanted.notes.append("joints from -100 to 100 of the ranges of the motors")
+        return angles_of_shares(values, columns.names or wanted.names, wanted.motors, name)
     q = np.empty_like(values)
     with_unit = np.zeros(len(named), dtype=bool)
     for kind in (REVOLUTE, PRISMATIC):
@@ -271,11 +294,23 @@ def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Calla
     try:
         require_within_limits(q, *of_arm)
     except InputError as error:
+        if not with_unit.any() and _may_be_shares(values, columns):
+            problem = str(error).rpartition(";")[0]
+            raise InputError(
+                f"{problem}; degrees of LeRobot, or its shares from -100 to 100? Give --joint-units deg, or the "
+                "calibration file of the arm (--joint-units my_arm.json)."
+            ) from error
         if not wanted.coupled or wanted.pendant or not _is_within(uncoupled(q), *of_arm):
             raise
         problem, said = str(error).rpartition(";")[0], ",".join([*wanted.units.values(), PENDANT])
         raise InputError(f"{problem}; is it J3 of FANUC's pendant? Give --joint-units {said}.") from error
     return q
+
+
+def _may_be_shares(values: Array, columns: _Columns) -> bool:
+    """Return whether values from -100 to 100 have names as LeRobot gives them."""
+    of_lerobot = all(name.endswith(".pos") or name.startswith(STATE) for name in columns.names)
+    return bool(columns.names) and of_lerobot and float(np.abs(values).max()) <= MAX_SHARE
 
 
 def _is_within(q: Array, *of_arm: Any) -> bool:
@@ -389,6 +424,12 @@ def _from_arrays(data: bytes, name: str, wanted: _Wanted) -> tuple[Array | None,
         return times, _shaped(values.astype(float), len(wanted.names), where), none
     names = [str(part) for part in arrays[label].ravel()[:1000]]
     return times, *_by_name(values.astype(float), names, wanted, name, where)
+
+
+def _from_frames(path: Path, name: str, wanted: _Wanted) -> tuple[Array | None, Array, _Columns]:
+    frames = read_frames(path)
+    wanted.notes += frames.notes
+    return frames.times, *_by_name(frames.values, frames.names, wanted, name, name)
 
 
 def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, _Columns]:

@@ -20,7 +20,8 @@ Joint values, base and flange are those of the maker's controller (its tool 0), 
 - HC10 and VS-060: the flange is that of the sources in the table. Another public description of each has it turned by
   half a turn about its z, and so has X of a camera on it.
 - SO-101: base and tip are ``base_link`` and ``gripper_frame_link`` of the URDF, as in LeRobot. Other versions of the
-  URDF have other base and tip frames, and the zero of the last joint 2.8 deg away.
+  URDF have other base and tip frames, and the zero of the last joint 2.8 deg away. The limits are wider than its own,
+  since a calibration by hand may go beyond them.
 - The origin of the base is on joint axis 1; FANUC, Yaskawa and Staubli have it at the height of joint 2.
 
 The numbers are nominal: those of data sheets and of the robot descriptions that makers and ROS-Industrial publish. A
