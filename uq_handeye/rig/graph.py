@@ -152,7 +152,7 @@ class Graph:
             from scipy.sparse.csgraph import connected_components
 
             joined = coo_array((np.ones(both.sum()), (left[both], right[both])), shape=(self.P + 1, self.P + 1))
-            of_pose = connected_components(joined, directed=False)[1]
+            of_pose = connected_components(joined, directed=False)[1].astype(np.intp)
         alone = self.P + 1 + np.arange(self.E)  # views that no robot pose enters
         return np.unique(np.where(one < self.P, of_pose[one], alone), return_inverse=True)[1].astype(np.intp)
 

@@ -190,6 +190,23 @@ def joint_of(S: Array | JointCovariance | None) -> JointCovariance | None:
     return S if isinstance(S, JointCovariance) else None
 
 
+def joint_form(S: Array | JointCovariance | None, n: int) -> JointCovariance:
+    """Return the covariance of n poses as blocks of each and columns that they share.
+
+    ``S``: None (exact), one (6, 6), (n, 6, 6), a joint covariance, or full (6n, 6n): that by its eigenvectors, with
+    equal blocks of the smallest eigenvalue.
+    """
+    if isinstance(S, JointCovariance):
+        return S
+    own = np.zeros((6, 6)) if S is None else np.asarray(S, dtype=float)
+    if own.shape[-2:] == (6, 6):
+        return JointCovariance(np.broadcast_to(own, (n, 6, 6)), np.zeros((n, 6, 0)))
+    values, vectors = np.linalg.eigh(own)
+    least = max(float(values[0]), 0.0)
+    columns = vectors * np.sqrt(np.maximum(values - least, 0.0))
+    return JointCovariance(np.tile(least * np.eye(6), (n, 1, 1)), columns.reshape(n, 6, 6 * n))
+
+
 @dataclass(frozen=True, eq=False)
 class JointFactor:
     """``L^-1 = (I - V K V^T) B^-1`` of a `JointCovariance`; L is square, not triangular.

@@ -1,21 +1,11 @@
 r"""Test of the paths of a rig that should agree: which camera or target moved between its views (T18).
 
-A copy of one unknown pose is estimated for some of its views. With whitened rows ``rho + A (x, z) + B d = 0``, B the
-columns of that pose in these views and 0 in the others, d (6,) is the difference between the copy and the pose. With
-``H = A^T A + P_0`` of the fit and ``e`` its residual,
-
-    d = -M^-1 B^T e,      Cov d = M^-1,      M = B^T B - B^T A H^-1 A^T B,      d^T M d ~ chi^2_6
-
-which is the difference of the chi-square without the copy and with it, for all errors of the joint model (A holds those
-that poses share, the rows of one robot pose are whitened together). There are two kinds of copies:
+A copy of one unknown pose is estimated for some of its views, and its difference d from the pose is tested
+(`likelihood.steps_in_time`), for all errors of the joint model: those that poses share are among the unknowns, and the
+rows of one robot pose are whitened together. There are two kinds of copies:
 
 - a camera in its views of one target, or a target in the views by one camera: the cycle through the two closes or not;
-- a pose from one moment on: it moved at that moment or not. Of all moments the one with the largest chi-square is kept;
-  its p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that is less).
-
-Directions of d that the other views do not determine (share of M in B^T B below `MIN_INFORMATION_SHARE`) do not count:
-6 minus their number.
-Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
+- a pose from one moment on: it moved at that moment or not.
 
 *The pose that moved.* Paths are tested with the weights of the fit, except for runs of rejected views: a camera that
 was knocked spoils all later views, and robust weights that reject them would hide the move. Single outliers stay
@@ -41,15 +31,16 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, gammaln
+from scipy.special import chdtrc
 
 from ...core.files.records import Record
 from ...core.files.tree_values import is_plain_number
 from ...core.geometry.se3 import Array, logarithm, perturb
-from ...core.numbers.levels import IMPOSSIBLE, UNUSUAL
+from ...core.numbers.levels import IMPOSSIBLE
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, Severity
 from ...fit.likelihood.robust import largest_by_chance
+from ...fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, differences, largest_step, sums_of
 from ..description import Rig
 from ..fit import RigFit, Task, fit
 from ..graph import Graph
@@ -57,16 +48,8 @@ from ..noise import RigNoise
 from ..sentences import path_words
 from ..weights import fit_robustly
 
-# A direction of a change counts where the other views give at least this share of the information.
-MIN_INFORMATION_SHARE = 1e-5
-# Moments that are needed on either side of a change.
-MIN_MOMENTS = 3
-# Probability of a false finding in one rig: it is one of about ten tests.
-FALSE_FINDING = UNUSUAL.probability / 10
 # Two causes cannot be separated where their chi-squares differ by less.
 AS_GOOD_CHI_SQUARE = 6.0
-# Moments in a row of which most views are rejected that make a run.
-MIN_RUN = 5
 # Of the chi-square of a step that is named, the largest share that another one still has once the step is fitted.
 MAX_REMAINING_SHARE = 0.4
 # A rejected view counts as this many times the largest squared distance that chance makes.
@@ -152,24 +135,6 @@ def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Arra
     return np.asarray(part.half[some] @ J[some]), some
 
 
-def _sums(B: Array, white: Array) -> Array:
-    """(g, 6, 6 + p + m + 1) of each group: B^T [B, A, e]."""
-    return np.asarray(B.mT @ np.concatenate([B, white], axis=-1))
-
-
-def _differences(whole: Array, sums: Array) -> tuple[Array, NDArray[np.intp], Array, Array]:
-    """Chi-squares (k,), degrees of freedom (k,), d (k, 6) and covariances (k, 6, 6) of sums (k, 6, 6 + p + m + 1)."""
-    G, C, g = sums[..., :6], sums[..., 6:-1], sums[..., -1:]
-    root = np.linalg.inv(np.linalg.cholesky(G))
-    share, vectors = np.linalg.eigh(root @ (G - C @ whole @ C.mT) @ root.mT)
-    told = share > MIN_INFORMATION_SHARE
-    inverse = np.where(told, 1.0 / np.where(told, share, 1.0), 0.0)
-    D = root.mT @ vectors
-    along = (D.mT @ g)[..., 0]
-    d = -(D @ (inverse * along)[..., None])[..., 0]
-    return (inverse * along**2).sum(axis=-1), told.sum(axis=-1), d, (D * inverse[..., None, :]) @ D.mT
-
-
 def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     """Cameras by each of their targets, and targets by each of their cameras, where there are several."""
     graph, paths = found.graph, []
@@ -184,8 +149,8 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
             total = np.zeros((6, 6 + white[0].shape[-1]))
             for k, rows in enumerate(white):
                 B, some = _columns(found, k, u, of)
-                total += _sums(B, rows[some]).sum(axis=0)
-            square, dof, d, S = (one[0] for one in _differences(found.whole, total[None]))
+                total += sums_of(B, rows[some]).sum(axis=0)
+            square, dof, d, S = (one[0] for one in differences(found.whole, total[None]))
             if dof:
                 paths.append(
                     RigPath(graph.names[u], graph.names[v], None, float(square), int(dof), float(chdtrc(dof, square)),
@@ -203,37 +168,21 @@ def _in_time(rig: Rig, found: RigFit) -> list[RigPath]:
         for part, rows in zip(found.rows, white, strict=True):
             some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
             B = rows[some, :, 6 * u : 6 * u + 6]
-            sums.append(_sums(B, rows[some]))
+            sums.append(sums_of(B, rows[some]))
             first.append(moment[part.batch.edges[some]].min(axis=-1))
             of_u[part.batch.edges[some]] = True
         at = np.concatenate(first)
         order = np.argsort(at, kind="stable")
-        after = np.cumsum(np.concatenate(sums)[order][::-1], axis=0)[::-1]  # from each group on
-        begins = np.flatnonzero(np.diff(at[order])) + 1
-        begins = begins[(begins >= MIN_MOMENTS) & (begins <= len(at) - MIN_MOMENTS)]
-        if not len(begins):
+        step = largest_step(found.whole, np.concatenate(sums)[order], at[order])
+        if step is None:
             continue
-        square, dof, d, S = _differences(found.whole, after[begins])
-        square = np.where(dof == dof.max(), square, 0.0)
-        best = int(np.argmax(square))
-        since = int(at[order][begins[best]])
+        since = int(at[order][step.begin])
         of = of_u & (moment >= since)
-        p = _largest_by_chance(float(square[best]), int(dof[best]), begins / len(at))
         paths.append(
-            RigPath(graph.names[u], None, names[since], float(square[best]), int(dof[best]), p, d[best], S[best],
+            RigPath(graph.names[u], None, names[since], step.chi_square, step.dof, step.p, step.change, step.covariance,
                     int(of.sum()), u, of)
         )  # fmt: skip
     return paths
-
-
-def _largest_by_chance(square: float, dof: int, shares: Array) -> float:
-    """Probability that the largest chi-square of all moments, at these shares of the views, is as large."""
-    each = float(chdtrc(dof, square)) * len(shares)
-    if square <= dof:
-        return min(1.0, each)
-    odds = np.log(shares[-1] / (1.0 - shares[-1])) - np.log(shares[0] / (1.0 - shares[0]))
-    density = np.exp(0.5 * dof * np.log(0.5 * square) - 0.5 * square - gammaln(0.5 * dof))
-    return float(min(1.0, each, density * ((1.0 - dof / square) * odds + 2.0 / square)))
 
 
 @dataclass(frozen=True, eq=False)
