@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.calibration.findings import check_input
 from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.core.files.source import Source
 from uq_handeye.fit.input_checks.misread_files import other_readings
@@ -328,3 +329,19 @@ def test_a_tag_of_another_size_in_a_bag_names_its_option(factor):
     assert values["factor"] == pytest.approx(1 / factor, rel=0.01)
     assert "the size of the tag is wrong, that of --tag" in str(reading) and "units" not in str(reading)
     assert "correct --tag" in step_after(found) and "the tag seems to be" in reading.phrase
+
+
+@pytest.mark.parametrize("side", ["robot", "camera"])
+@pytest.mark.parametrize("inverted", ["robot", "camera"])
+def test_inverse_poses_in_millimetres_are_named_at_once(side, inverted):
+    """Neither fault alone restores the fit; both options together do."""
+    poses = uq.simulate(15, noise=NOISE, seed=2)
+    files = {"robot": np.array(poses.robot), "camera": np.array(poses.camera)}
+    files[inverted] = inverse(files[inverted])
+    files[side] = millimetres(files[side])
+    wrong = uq.PosePairs(files["robot"], files["camera"])
+    (found,) = [one for one in check_input(wrong) if one.code == "input_checks.poses_unexplained"]
+    options = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
+    assert options[inverted] in str(found)
+    for text in (str(found), found.remedy):
+        assert f"--units {side}=mm" in text and ("--setup" in text or "-frame" in text)

@@ -100,7 +100,14 @@ def believed(contents: Contents, said: Declared, name: str) -> Contents:
         notes.append(f"{setup}, as the file says")
     if not notes:
         return contents
-    return replace(contents, **sides, setup=setup, notes=(*contents.notes, *dict.fromkeys(notes)))
+    return replace(
+        contents,
+        robot=sides.get("robot"),
+        camera=sides.get("camera"),
+        only=sides.get("only"),
+        setup=setup,
+        notes=(*contents.notes, *dict.fromkeys(notes)),
+    )
 
 
 def _believed(side: Side, said: Declared, name: str, notes: list[str]) -> Side:

@@ -31,7 +31,8 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
 
     If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
     inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos
-    (`_inversions`). Of all others two are named at most.
+    (`_inversions`). Of all others two are named at most. Where no single reading fits, an inversion together with
+    another unit is tried, which the inversion then has as its ``scale``.
     """
     G, C = poses.effective_robot, poses.camera
     other = OTHER_SETUP[poses.setup]
@@ -66,7 +67,13 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
         found = [reading for reading in found if reading["kind"] not in INVERSE]
         found = [*_inversions(poses, twins["inverse robot"], twins["inverse camera"]), *found[:1]]
     scaled = scaled_reading(G, C, shift, poses.sources)
-    return found if scaled is None else [*found, scaled]
+    if found or scaled is not None:
+        return found if scaled is None else [*found, scaled]
+    return [
+        reading | {"scale": factor}
+        for reading, robot, camera in candidates[: len(INVERSE)]
+        if (factor := scaled_reading(robot, camera, shift, poses.sources)) is not None and factor["unit"] is not None
+    ]
 
 
 def rotation_readings(robot: Array, camera: Array) -> list[tuple[Reading, Array, Array]]:

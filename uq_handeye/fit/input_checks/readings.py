@@ -51,6 +51,9 @@ def in_words(reading: ReadingValues) -> Words:
         remedy = "write the poses or points of that side in a right-handed frame"
     else:
         short, text, option, remedy = _of_rotation(reading)
+    if (scale := reading.get("scale")) is not None:  # both at once
+        unit = in_words(scale)
+        return Words(f"{short}, and its lengths", f"{text}: {option}; and {unit.full}", f"{remedy}; and {unit.remedy}")
     length = "" if reading.get("length") is None else f" (X would be {reading['length']:.3g} m long)"
     return Words(short, f"{text}{length}: {option}", remedy)
 

@@ -104,7 +104,7 @@ def _part(
     columns = list(range(table.values.shape[1])) if columns is None else columns
     part = replace(
         table,
-        values=table.values[np.ix_(rows, columns)],
+        values=table.values[rows][:, columns],
         lines=table.lines[rows],
         names=[table.headings[k] for k in columns] if table.headings else [],
         places=Places(range(len(columns))),
