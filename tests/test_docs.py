@@ -109,6 +109,11 @@ def test_the_page_on_streams_runs(tmp_path, monkeypatch, rng):
     assert "offset" in code.printed and (tmp_path / "sync.png").exists()
 
 
+def test_the_page_on_poses_of_a_gpu_runs():
+    _, shown = run_page(DOCS / "how-to" / "gpu.md")
+    assert missing(shown) == []
+
+
 def pages():
     return [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(DOCS.rglob("*.md"))
 
