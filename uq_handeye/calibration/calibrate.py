@@ -42,7 +42,7 @@ from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
-from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed
+from .findings import flipped_poses, look_at, other_convention, reasons, require_determined, shifted, why_failed
 from .job import Job, job_of
 from .request import BUNDLE, Request, documented
 from .result import Calibration
@@ -212,6 +212,7 @@ def _answer(
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
     if flips := flipped_poses(job, result):  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
+    findings += other_convention(job, result)
     findings = _numbered(without_consequences([*findings, *shifted(job, result), *flips]), selection)
     result = replace(result, findings=tuple(findings), provenance=_origin(job, data, result.method, selection))
     try:

@@ -8,12 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core.geometry.conventions import CovarianceReading
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding, without_consequences
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.alphabetical_rows import alphabetical_rows
 from ..fit.input_checks.columns import check_poses
+from ..fit.input_checks.covariance_convention import convention_finding, is_isotropic
 from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
 from ..fit.input_checks.pose_ambiguity import flipped_rows
 from ..fit.input_checks.residuals import check_fit
@@ -28,7 +30,7 @@ from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import rotation_angles
 from .job import Job, job_of
-from .request import Request
+from .request import Request, of_motions
 from .result import Calibration
 from .statement.checks import MAX_ROTATION_SD_RAD
 
@@ -122,7 +124,7 @@ def reasons(job: Job) -> list[Finding]:
             known = _known_noise(job)
             own = known if isinstance(known, PoseNoise) else None
             found = check_fit(job.poses, X, None, np.zeros((6, 6)), own)
-    return found + shifted(job, None)
+    return found + other_convention(job, None) + shifted(job, None)
 
 
 def shifted(job: Job, result: Calibration | None) -> list[Finding]:
@@ -141,6 +143,33 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
         return []
     run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
     return [] if run is None else [run]
+
+
+def other_convention(job: Job, result: Calibration | None) -> list[Finding]:
+    """Return a finding if the covariances of the camera poses fit in the convention of another library."""
+    poses, noise = job.poses, job.request.noise
+    if poses is None or of_motions(noise) or poses.camera_calibration is not None:
+        return []
+    robot, camera, given = None, None, CovarianceReading()
+    match noise:
+        case PoseNoise():
+            robot = np.zeros((6, 6)) if noise.robot is None else noise.robot
+            camera, given = noise.camera, noise.read_as.get("camera", given)
+        case None if poses.camera_covariance is not None and poses.camera_covariance.shared.shape[-1] == 0:
+            camera = poses.camera_covariance.own
+    sides = [S for S in (robot, camera) if S is not None]
+    if camera is None or not all(isinstance(S, np.ndarray) and S.shape[-2:] == (6, 6) for S in sides):
+        return []
+    if is_isotropic(camera):  # numbers of a person, not of a library
+        return []
+    if result is None or result.W is None:
+        with suppress(InputError, NotConvergedError):
+            X = fit_published(job.motions, None, "4dpa", None, job.everything).X
+            found = convention_finding(poses, job.constraint.complete(X), robot, camera, given)
+            return [] if found is None else [found]
+        return []
+    found = convention_finding(poses, Unknowns(result.X, result.W), robot, camera, given)
+    return [] if found is None else [found]
 
 
 def flipped_poses(job: Job, result: Calibration) -> list[Finding]:

@@ -415,6 +415,24 @@ def _runs(rows: Sequence[int]) -> str:
 
 
 @sentence(
+    "input_checks.covariance_convention",
+    first=True,
+    rejects=True,
+    rank=3,
+    explains=True,
+    effect=lambda v: max(1.2, v["off"]),
+    phrase=lambda v: f"the covariances fit as {' or '.join(v['classes'])}",
+    remedy="run again with --covariance-convention {next}",
+)
+def _(classes: Sequence[str], given: str, next: str, gain: float, off: float) -> str:
+    as_given = "as given" if given == "toolkit" else f"as {given}"
+    return (
+        f"The covariances fit as {' or '.join(classes)}, not {as_given}: log likelihood +{digits(gain, 2)}. Next: "
+        f"--covariance-convention {next} (Python: from_convention)."
+    )
+
+
+@sentence(
     "input_checks.alphabetical_rows",
     rank=4,
     explains=True,
