@@ -258,3 +258,75 @@ def test_declarations_in_comments(tmp_path):
         declared(tmp_path, text.replace("x,y,z", "x [cm],y [cm],z [cm]"), "robot.csv")
     remarks = "# note: taken on monday\n# units: parsecs\n# frame: 12\nx,y,z,qx,qy,qz,qw\n"
     assert_right(declared(tmp_path, remarks + lines(numbers(POSES.robot, "xyzw"), ","), "robot.csv"))
+
+
+# ------------------------------------------------------------------------------------------ files of other programs
+
+
+def kinhec(side, T, seen=None):
+    """A stream as kinhec 1.1.0 exports it (``io.Sequence.to_csv``): joints, ground truth, and what was measured."""
+    rng = np.random.default_rng(SEED)
+    parts = ("px", "py", "pz", "qw", "qx", "qy", "qz")
+    measured = np.hstack([T[:, :3, 3], np.roll(Rotation.from_matrix(T[:, :3, :3]).as_quat(), 1, axis=1)])
+    truth = measured + 0.01 * rng.normal(size=measured.shape)
+    times = 0.05 * np.arange(N)
+    if side == "robot":
+        names = ["t", *(f"q{k}_{of}" for of in ("meas", "gt") for k in range(1, 7))]
+        names += [f"base_ee_{of}_{part}" for of in ("gt", "meas") for part in parts]
+        return ",".join(names) + "\n" + lines(np.column_stack([times, np.zeros((N, 12)), truth, measured]), ",")
+    names = ["t", "t_gt", *(f"{of}_{part}" for of in ("base_ee_gt", "cam_target_gt") for part in parts)]
+    names += [*(f"cam_target_meas_{part}" for part in parts), "visible", "outlier", "n_points", "reproj_rmse_px"]
+    text = ",".join(names) + "\n"
+    for k in range(N):
+        row = map(repr, [*times[[k, k]].tolist(), *truth[k].tolist(), *truth[k].tolist()])
+        pose = map(repr, measured[k].tolist()) if seen is None or seen[k] else [""] * 7
+        text += ",".join([*row, *pose, str(seen is None or bool(seen[k])), "False", "54", ""]) + "\n"
+    return text
+
+
+def test_kinhec_by_what_was_measured(tmp_path):
+    (tmp_path / "a_robot.csv").write_text(kinhec("robot", POSES.robot))
+    (tmp_path / "a_camera.csv").write_text(kinhec("camera", POSES.camera))
+    assert len((tmp_path / "a_robot.csv").read_text().split("\n")[0].split(",")) == 27
+    assert_right(read_poses(tmp_path / "a_robot.csv", tmp_path / "a_camera.csv"))
+    seen = np.arange(N) % 5 != 2
+    (tmp_path / "a_camera.csv").write_text(kinhec("camera", POSES.camera, seen))
+    poses = read_poses(tmp_path / "a_robot.csv", tmp_path / "a_camera.csv", pair="time")
+    np.testing.assert_allclose(poses.robot, POSES.robot[seen], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(poses.camera, POSES.camera[seen], rtol=0, atol=1e-9)
+    assert f"rows in which nothing was seen left out: {(~seen).sum()}" in notes(poses)
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_frames_of_compas(tmp_path, below):
+    """As compas 2.15 writes them by ``json_dump``: two axes, of which the second need not be perpendicular."""
+    for name, side in (("robot.json", POSES.robot), ("camera.json", POSES.camera)):
+        axes = [dict(zip(("xaxis", "yaxis", "point"), T[:3, [0, 1, 3]].T.tolist(), strict=True)) for T in side]
+        frames = [{"dtype": "compas.geometry/Frame", "data": one, "guid": f"a{k}"} for k, one in enumerate(axes)]
+        for frame in frames:
+            data = frame["data"]
+            data["yaxis"] = (2.0 * np.array(data["yaxis"]) + 0.5 * np.array(data["xaxis"])).tolist()
+        (tmp_path / name).write_text(json.dumps({"frames": frames} if below else frames))
+    assert_right(read_poses(tmp_path / "robot.json", tmp_path / "camera.json"))
+    frames[3]["data"]["yaxis"] = frames[3]["data"]["xaxis"]
+    (tmp_path / "camera.json").write_text(json.dumps(frames))
+    with pytest.raises(InputError):
+        read_poses(tmp_path / "robot.json", tmp_path / "camera.json")
+
+
+def test_the_marker_of_figaroh(tmp_path):
+    """x1 ... phiz1 are metres and roll, pitch, yaw about the fixed axes, rad (``pin.rpy`` in figaroh 1.0.2)."""
+    rows = numbers(POSES.robot, "xyz")
+    rows[:, 3:] = np.radians(rows[:, 3:])
+    text = "x1,y1,z1,phix1,phiy1,phiz1,joint_1,joint_2\n" + lines(np.hstack([rows, np.zeros((N, 2))]), ",")
+    poses = declared(tmp_path, text, "data.csv")
+    assert_right(poses)
+    assert "not used: the columns 'joint_1, joint_2'" in notes(poses)
+
+
+def test_columns_of_other_things_are_no_two_poses(tmp_path):
+    rows = np.hstack([numbers(POSES.robot, "xyzw"), numbers(POSES.camera, "xyzw")])
+    names = ",".join(f"sensor{k}" for k in range(14))
+    (tmp_path / "log.csv").write_text(f"{names}\n{lines(rows, ',')}")
+    with pytest.raises(InputError):
+        read_poses(tmp_path / "log.csv")

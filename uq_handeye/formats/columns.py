@@ -49,13 +49,15 @@ _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
 # What programs put before the names, in small letters.
 _PREFIX = re.compile(
     r"(?:(?:actual|current|act|cart|cartesian|robot|tcp|tool|pose|position|pos|target|flange|ee|eef|tf|world|base|cam|"
-    r"camera|board|marker|gripper|end_effector|r|msg)[\s._/]+)+(?=.)"
+    r"camera|board|marker|gripper|end_effector|r|msg|meas|measured|gt|truth|groundtruth|ground_truth)[\s._/]+)+(?=.)"
 )
 
 _MEASURED = re.compile(r"(?<![a-z])(?:actual|act|current|measured|meas)(?![a-z])", re.IGNORECASE)
 _COMMANDED = re.compile(
     r"(?<![a-z])(?:target|command|commanded|cmd|desired|des|setpoint|goal|ref)(?![a-z])", re.IGNORECASE
 )
+# Ground truth of a simulated data set, which stands beside what was measured.
+_TRUTH = re.compile(r"(?<![a-z])(?:gt|truth|groundtruth)(?![a-z])", re.IGNORECASE)
 
 # Three numbers of a rotation by their names in small letters, in the order of the form. The names of some are shared.
 ROTATIONS: dict[str, tuple[str, ...]] = {
@@ -94,6 +96,9 @@ _NAMES = {
     **{f"axis_{axis}": f"a{axis}" for axis in "xyz"},
     **{f"trans_{axis}": axis for axis in "xyz"}, **{f"translation_{axis}": axis for axis in "xyz"},
     **{f"{axis}_{part}": axis for axis in "xyz" for part in ("pos", "position", "coordinate")},
+    **{f"{axis}1": axis for axis in "xyz"},  # of figaroh, with the number of the marker
+    **{f"phi{axis}{number}": angle for number in ("", "1")
+       for axis, angle in zip("xyz", ("roll", "pitch", "yaw"), strict=True)},
     "theta": "angle", "rw": "qw", "ori_w": "qw", "rot_w": "qw", "rotation_w": "qw", "phi": "alpha",
 }  # fmt: skip
 
@@ -221,8 +226,13 @@ class ColumnError(Exception):
 
 
 def _rank(name: str) -> int:
-    """Return which of several columns of one meaning comes first: what was measured, not what was commanded."""
-    return 1 - bool(_MEASURED.search(name)) + bool(_COMMANDED.search(name))
+    """Return which of several columns of one meaning comes first: what was measured, not commanded or ground truth."""
+    return 1 - bool(_MEASURED.search(name)) + bool(_COMMANDED.search(name)) + 2 * is_truth(name)
+
+
+def is_truth(name: str) -> bool:
+    """Return whether a name says that its numbers are the ground truth."""
+    return bool(_TRUTH.search(name))
 
 
 def measured(word: str) -> bool:

@@ -21,6 +21,7 @@ from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, item
 from ..core.files.trees import is_json, parse_tree
 from ..core.numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
+from .compas_frames import without_compas
 from .contents import COLUMNS, Contents, without_repeats
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention
@@ -167,7 +168,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     if kind in TEXTS:
         text = _text(data)
         return kind, believed(TEXTS[kind].read(text, name), of_comments(text[:HEAD_BYTES]), name)
-    tree = joined_parts(parse_tree(data, name, several=True))
+    tree = parse_tree(data, name, several=True)
+    tree = joined_parts(without_compas(tree) if b"compas" in data else tree)
     said = of_tree(tree)
     where = ""
     if format in (None, "json", "opencv") or format in CONTROLLERS:

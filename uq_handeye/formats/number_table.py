@@ -31,6 +31,10 @@ MAX_HEAD_LINES = 50
 # Numbers that a pose of a table without names has at least.
 MIN_NUMBERS = 6
 
+# Columns that say whether a pose was measured, and their words.
+SEEN_COLUMNS = ("visible", "detected", "found", "valid", "is_valid", "success", "tracked", "tracking_valid")
+_YES, _NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
+
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 # A number with its unit; Fortran writes 1.0D+00, C 1.0f.
 _FIELD = re.compile(
@@ -184,6 +188,9 @@ def _named_rows(
         if not rows:
             separator = _separator(content, len(names or ()))
         fields = _split(content, separator)
+        lacking = len(names or ()) - len(fields)
+        if lacking > 0 and separator and content.count(separator) == len(names or ()) - 1:  # empty at the end
+            fields += [""] * lacking
         numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
         if not rows and len(numbers) < (MIN_NUMBERS if names is None else 1):
             found = _split(content, _separator(content))
@@ -382,6 +389,16 @@ def _times(rows: list[Row], count: int) -> tuple[int, list[float]] | None:
     return None
 
 
+def _not_seen(names: Sequence[str], rows: list[Row]) -> set[int]:
+    """Return the rows of which a column (``visible``, ``detected``) says that no pose was measured; never all."""
+    for k, name in enumerate(names):
+        said = [row.fields[k].strip().lower() for row in rows] if name.strip().lower() in SEEN_COLUMNS else []
+        left = {number for number, word in enumerate(said) if word in _NO}
+        if said and len(left) < len(rows) and all(word in _NO or word in _YES for word in said):
+            return left
+    return set()
+
+
 def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: list[str], help: str) -> NumberTable:
     """Return the columns of numbers, each row with as many fields."""
     first = rows[0]
@@ -400,6 +417,10 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
         if len(row.fields) != count or row.names != first.names:
             how = f"{count} fields as {what} say"
             raise other_count(f"{name}, line {row.line}", how, len(row.fields), ", ".join(row.fields), f"; {help}")
+    if names is not None and (left := _not_seen(names, rows)):
+        rows = [row for k, row in enumerate(rows) if k not in left]
+        first = rows[0]
+        notes.append(f"rows in which nothing was seen left out: {len(left)}")
     if (times := _times(rows, count)) is not None:
         k, seconds = times
         rows = [

@@ -25,6 +25,7 @@ from ..columns import (
     Columns,
     in_seconds,
     is_pose_header,
+    is_truth,
     measured,
     pose_columns,
 )
@@ -81,7 +82,12 @@ def _of_halves(table: NumberTable, form: PoseForm | None) -> Contents | None:
     """Return both sides of rows without names that hold two poses of six or seven numbers; None for any other."""
     values = table.values
     first = next((k for k in range(MAX_NUMBERS_BEFORE + 1) if values.shape[1] - k in (12, 14)), None)
-    if table.headings or first is None or not all((np.diff(values[:, k]) > 0).all() for k in range(first)):
+    if (
+        table.headings
+        or table.unknown
+        or first is None
+        or not all((np.diff(values[:, k]) > 0).all() for k in range(first))
+    ):
         return None
     half = (values.shape[1] - first) // 2
     halves = [values[:, first + k * half : first + (k + 1) * half] for k in range(2)]
@@ -162,7 +168,7 @@ def _sets(names: Sequence[str]) -> dict[str, list[int]]:
     sets: dict[str, list[int]] = {}
     for k, one in enumerate(names):
         prefix, separator, rest = re.sub(r"[./ ]", "_", one.strip("\"' ")).partition("_")
-        if separator and rest:
+        if separator and rest and not is_truth(one):
             sets.setdefault(prefix.lower(), []).append(k)
     return {
         prefix: columns
