@@ -131,6 +131,15 @@ def test_another_arm_without_an_explanation(rng, arm, joints):
     assert "another arm" in said(found)
 
 
+@pytest.mark.slow
+def test_another_arm_of_the_table_is_named(rng):
+    q = np.array([0.0, -1.2, 1.4, -1.6, -1.5, 0.0]) + rng.uniform(-0.5, 0.5, (15, 6))
+    found = compare_with_controller(Kinematics.from_name("ur10e"), q, Kinematics.from_name("ur5e").poses(q) @ TOOL)
+    assert found.reading == "arm" and found.detail == ("ur5e", "ur7e")
+    assert "They fit with the arm ur5e, ur7e of the table" in said(found)
+    assert compare_with_controller(Kinematics.from_name("ur7e"), q, Kinematics.from_name("ur5e").poses(q)).exact
+
+
 def test_an_arm_that_is_calibrated_for_itself_is_the_same_arm(rng, arm, joints):
     e = rng.normal(size=len(arm.errors)) * np.where([error.unit == "m" for error in arm.errors], 5e-4, 2e-3)
     found = compare_with_controller(arm, joints, arm.poses(joints, e))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.model.kinematics.arms.known_arms import known_arm
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.joint_readings import is_coupled, uncoupled
 from uq_handeye.read import read_poses, write_pose_file
@@ -39,6 +40,7 @@ def rig(tmp_path):
         setup="eye-in-hand",
         noise=(1e-3, 3e-4),
         true=None,
+        model=None,
         **asked,
     ):
         rng = np.random.default_rng([SEED, 47])
@@ -54,7 +56,12 @@ def rig(tmp_path):
         np.savetxt(tmp_path / "joints.csv", written, delimiter=",", header=",".join(names), comments="", fmt="%.8f")
         robot = tmp_path / "robot.csv" if by_controller else None
         poses = read_poses(
-            robot, tmp_path / "camera.csv", joints=tmp_path / "joints.csv", kinematics=arm, setup=setup, **asked
+            robot,
+            tmp_path / "camera.csv",
+            joints=tmp_path / "joints.csv",
+            kinematics=model or arm,
+            setup=setup,
+            **asked,
         )
         return q, poses
 
@@ -155,6 +162,12 @@ def test_a_column_in_degrees_is_named(rig):
     assert finding.values["meant"] == "column in degrees" and "joint joint_6 is in degrees" in str(finding)
     with pytest.raises(uq.InputError, match=r"joint joint_2: .*; is its column in degrees and the others in radians"):
         rig(UR, lambda q: np.column_stack([q[:, 0], np.degrees(q[:, 1]), q[:, 2:]]))
+    irb = Kinematics.from_name("irb120")  # whose joint 3 goes from -110 to 70 deg
+    MIDDLE[irb] = [0.2, -0.3, -1.4, 0.5, -1.0, 0.5]
+    with pytest.raises(
+        uq.InputError, match=r"joint joint_3: .*; has its column the other sign, or is this another arm"
+    ):
+        rig(irb, lambda q: q * [1, 1, -1, 1, 1, 1])
     panda = Kinematics.from_name("panda")  # whose joint 4 is never positive
     MIDDLE[panda] = [0.0, 0.2, 0.1, -1.9, 0.0, 1.9, 0.5]
     with pytest.raises(
@@ -183,7 +196,21 @@ def test_nothing_is_said_of_joints_that_nothing_explains(rig):
     assert codes(rig(UR, noise=(0.03, 0.02))[1]) == []  # a poorer camera
     rng = np.random.default_rng(0)
     assert codes(rig(UR, lambda q: rng.permutation(q))[1]) == []  # rows that do not belong together
-    arm = Kinematics.from_name("irb120")  # joints of another arm
+    arm = Kinematics.from_name("irb120")  # joints of another arm, beside a camera on this one
     MIDDLE[arm] = [0.2, -0.3, 0.4, 0.5, -1.0, 0.5]
     other = np.array(MIDDLE[UR]) + rng.uniform(-0.4, 0.4, (15, 6))
     assert codes(rig(arm, lambda q: other * [1, 0.5, 0.5, 1, 1, 1])[1]) == []
+
+
+@pytest.mark.parametrize(("given", "true"), [("ur3e", "ur5e"), ("m1013", "ur10e"), ("crx5ia", "crx10ial")])
+def test_joints_of_another_arm_of_the_table_are_named(rig, given, true):
+    """By the camera alone; all arms with its kinematics are named."""
+    arm = Kinematics.from_name(true)
+    MIDDLE[arm] = known_arm(true).usual.mean(axis=1).tolist()
+    _, poses = rig(arm, model=Kinematics.from_name(given))
+    finding = poses.findings[-1]
+    assert finding.values["meant"] == "arm" and true in finding.values["joints"]
+    assert f"--robot-model {finding.values['joints'][0]}" in str(finding)
+    assert finding.values["joints"] == {"ur5e": ["ur5e", "ur7e"], "crx10ial": ["crx10ial", "crx20ial"]}.get(
+        true, [true]
+    )

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain as one_by_one
 from pathlib import PurePath
 from typing import NamedTuple
 
@@ -23,6 +22,7 @@ from ..findings import Finding
 from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
 from ..model.kinematics.against_controller import compare_with_controller
 from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.forward import LEVER_M
 from ..model.kinematics.joint_readings import (
     COUPLED,
     PERCENT,
@@ -30,6 +30,7 @@ from ..model.kinematics.joint_readings import (
     JointSeries,
     is_coupled,
     likely_readings,
+    other_arms,
     single_readings,
     uncoupled,
 )
@@ -48,6 +49,11 @@ class _Misfit(NamedTuple):
     rotation: float  # RMS, rad
     translation: float  # RMS, m
     fits: bool
+
+    @property
+    def cost(self) -> float:
+        """Both in m, by `LEVER_M`."""
+        return float(np.hypot(self.translation, LEVER_M * self.rotation))
 
 
 def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_controller: bool) -> PosePairs:
@@ -82,13 +88,10 @@ def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_co
             found.append(Finding("kinematics.joint_3", "note", values))
     if not by_controller and not now.fits:
         longer = None if series is None or arm.series is None else JointSeries(arm.series.names, series[rows])
-        for reading in _by_angles(_tried(chain, few.joints, longer), chain, few):
-            other = misfit(reading.q)
-            if _decides(other, now) or (reading.name == PERCENT and other.rotation * PERCENT_RATIO < now.rotation):
-                values = {"name": PurePath(arm.name).name, "meant": reading.name, "joints": list(reading.joints)}
-                values |= {"rotation": now.rotation, "translation": now.translation}
-                found.append(Finding("kinematics.another_reading", "failure", values))
-                break
+        if (meant := _meant(chain, few, longer, now)) is not None:
+            values = {"name": PurePath(arm.name).name, "meant": meant[0], "joints": list(meant[1])}
+            values |= {"rotation": now.rotation, "translation": now.translation}
+            found.append(Finding("kinematics.another_reading", "failure", values))
     return replace(poses, findings=(*poses.findings, *found)) if found else poses
 
 
@@ -121,20 +124,45 @@ def _against_camera(robot: Array, poses: PosePairs) -> _Misfit:
     return best
 
 
-def _tried(kinematics: Kinematics, q: Array | None, series: JointSeries | None) -> Iterator[JointReading]:
+def _meant(
+    kinematics: Kinematics, few: PosePairs, series: JointSeries | None, now: _Misfit
+) -> tuple[str, tuple[str, ...]] | None:
+    """Return the name of the reading by which robot and camera agree, and what it is about; None if there is none."""
+    q = few.joints
     assert q is not None
-    readings = one_by_one(likely_readings(kinematics, q, series), single_readings(kinematics, q))
-    return (reading for reading in readings if reading.name != COUPLED)
+
+    def first(readings: Iterator[JointReading]) -> tuple[str, tuple[str, ...]] | None:
+        for reading in _by_angles((one for one in readings if one.name != COUPLED), kinematics, few):
+            other = _against_camera(kinematics.poses(reading.q), few)
+            roughly = reading.name == PERCENT and other.rotation * PERCENT_RATIO < now.rotation
+            if roughly or _decides(other, now):
+                return reading.name, reading.joints
+        return None
+
+    if found := first(likely_readings(kinematics, q, series)):
+        return found
+    seen = _angles(few.camera)
+    arms = [
+        (_against_camera(T, few), names)
+        for names, arm in other_arms(kinematics)
+        if _rotate_alike(T := arm.poses(q), seen, 2.0 * LARGE_ROTATION_RAD)
+    ]
+    best, names = min(arms, key=lambda one: one[0].cost, default=(now, ()))
+    return ("arm", names) if _decides(best, now) else first(single_readings(kinematics, q))
 
 
 def _by_angles(readings: Iterator[JointReading], chain: Kinematics, poses: PosePairs) -> Iterator[JointReading]:
     """Yield readings by which robot and camera rotate by the same angles from each pose to the next, whatever X is."""
     seen = _angles(poses.camera)
     for reading in readings:
-        difference = _angles(chain.poses(reading.q)) - seen
         most = 2.0 * LARGE_ROTATION_RAD * (PERCENT_RATIO if reading.name == PERCENT else 1.0)
-        if np.sqrt(np.mean(difference**2)) < most:
+        if _rotate_alike(chain.poses(reading.q), seen, most):
             yield reading
+
+
+def _rotate_alike(T: Array, seen: Array, most: float) -> bool:
+    """Return whether poses rotate from each to the next by the angles seen, but for ``most`` (rad, RMS)."""
+    return bool(np.sqrt(np.mean((_angles(T) - seen) ** 2)) < most)
 
 
 def _angles(T: Array) -> Array:

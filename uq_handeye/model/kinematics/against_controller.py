@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding
 from .forward import LEVER_M
-from .joint_readings import likely_readings, single_readings
+from .joint_readings import likely_readings, other_arms, single_readings
 
 if TYPE_CHECKING:
     from .chain import Kinematics
@@ -41,6 +42,8 @@ MAX_MODEL_ERROR = (np.radians(2.0), 0.02)
 THREE_DECIMALS = (2e-5, 1e-5)
 # Distance of a pose from the model, in medians of all poses, beyond which it does not count in the fit.
 MAX_MEDIANS = 3.0
+# Another arm is named if its model explains the poses to this share of `MAX_MODEL_ERROR`.
+MAX_SHARE_OF_ARM = 0.25
 # Smallest distance (rad, m) from the model of a pose that is reported as an outlier.
 MIN_REPORTED_ERROR = (np.radians(0.5), 5e-3)
 
@@ -319,28 +322,45 @@ class _Reading(NamedTuple):
     joints: tuple[str, ...]  # that it is about, or all in their order
     q: Array
     G: Array
+    arm: Kinematics | None = None  # another one
 
 
 def _explaining(kinematics: Kinematics, q: Array, G: Array) -> _Reading | None:
     """Return the first reading by which the poses are those of the chain; a few poses are tried before all of them."""
     if len(G) < MIN_POSES_TO_DECIDE:
         return None
-    for reading in _readings(kinematics, q, G):
-        n = len(reading.G)
-        rows = np.unique(np.linspace(0, n - 1, min(n, 10)).astype(int))
-        few = _best(kinematics.poses(reading.q[rows]), reading.G[rows])
-        if few.score > 3.0 * np.hypot(MAX_MODEL_ERROR[1], LEVER_M * MAX_MODEL_ERROR[0]):
-            continue
-        fit = _best(kinematics.poses(reading.q), reading.G)
-        kept = _better(fit.cost)
-        if _rms(fit.rotation[kept]) <= MAX_MODEL_ERROR[0] and _rms(fit.translation[kept]) <= MAX_MODEL_ERROR[1]:
-            return reading
-    return None
+    readings = chain(_likely(kinematics, q, G), _best_arm(kinematics, q, G), _unlikely(kinematics, q, G))
+    return next((one for one in readings if _explains(kinematics, one)), None)
 
 
-def _readings(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
-    for of_joints in likely_readings(kinematics, q):
-        yield _Reading(*of_joints, G)
+def _explains(kinematics: Kinematics, reading: _Reading) -> bool:
+    arm = reading.arm or kinematics
+    n = len(reading.G)
+    rows = np.unique(np.linspace(0, n - 1, min(n, 10)).astype(int))
+    few = _best(arm.poses(reading.q[rows]), reading.G[rows])
+    if few.score > 3.0 * np.hypot(MAX_MODEL_ERROR[1], LEVER_M * MAX_MODEL_ERROR[0]):
+        return False
+    fit = _best(arm.poses(reading.q), reading.G)
+    kept = _better(fit.cost)
+    return bool(_rms(fit.rotation[kept]) <= MAX_MODEL_ERROR[0] and _rms(fit.translation[kept]) <= MAX_MODEL_ERROR[1])
+
+
+def _best_arm(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
+    """Yield the other arm of the table that explains the poses best, if it does so as an arm of this size would.
+
+    Similar arms explain each other's poses to some cm.
+    """
+    rows = np.unique(np.linspace(0, len(G) - 1, min(len(G), 10)).astype(int))
+    arms = list(other_arms(kinematics))
+    scores = [_best(arm.poses(q[rows]), G[rows]).score for _, arm in arms]
+    if scores and min(scores) < MAX_SHARE_OF_ARM * np.hypot(MAX_MODEL_ERROR[1], LEVER_M * MAX_MODEL_ERROR[0]):
+        names, arm = arms[int(np.argmin(scores))]
+        yield _Reading("arm", names, q, G, arm)
+
+
+def _likely(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
+    for name, joints, read in likely_readings(kinematics, q):
+        yield _Reading(name, joints, read, G)
     yield _Reading("inverted", (), q, inverse(G))
     for factor, name in ((1e-3, "millimetres"), (1e3, "metres")):
         scaled = G.copy()
@@ -348,5 +368,8 @@ def _readings(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
         yield _Reading(name, (), q, scaled)
     yield _Reading("rows later", (), q[1:], G[:-1])
     yield _Reading("rows earlier", (), q[:-1], G[1:])
-    for of_joints in single_readings(kinematics, q):
-        yield _Reading(*of_joints, G)
+
+
+def _unlikely(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
+    for name, joints, read in single_readings(kinematics, q):
+        yield _Reading(name, joints, read, G)

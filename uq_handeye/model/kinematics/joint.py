@@ -181,11 +181,12 @@ def require_within_limits(
         same = np.array([kind == kinds[k] for kind in kinds])
         smaller = DEGREE if revolute else MILLIMETRE
         other, flag = None, None
-        if _inside(q * smaller, checked, near, same) and not with_unit[k]:
+        large = np.abs(q).max(axis=0) > (2 * np.pi if revolute else 0.0)  # no angle in radians is
+        if _inside(q * smaller, checked, near, same) and not with_unit[k] and large[same].any():
             other, flag = ("degrees", "deg") if revolute else ("millimetres", "mm")
         elif _inside(q / smaller, checked, near, same) and with_unit[k]:
             other, flag = ("radians", "rad") if revolute else ("metres", "m")
-        alone, large = np.arange(len(kinds)) == k, np.abs(q).max(axis=0) > 2 * np.pi
+        alone = np.arange(len(kinds)) == k
         if revolute and large[k] and large.sum() == 1 and same.sum() > 2 and _inside(q * DEGREE, checked, near, alone):
             hint = f"is its column in degrees and the others in radians? Or all: {remedy.format(unit='deg')}"
         elif other:

@@ -1,8 +1,8 @@
 """Ways in which joint values may be meant other than as they were read.
 
 The likely ones come first: joint 3 as FANUC's pendant shows it, degrees and radians, other columns of a numbered
-series, -100 to 100 of the range of each joint; then single joints with another sign or unit; then another order, and
-another zero.
+series, -100 to 100 of the range of each joint; then another arm of the table; then single joints with another sign or
+unit, another order, and another zero.
 
 *FANUC.* The pendant counts J3 from the horizontal: it stays when J2 moves and the forearm keeps its direction. The
 joint between upper arm and forearm, which robot descriptions have, is J3 + J2. Files of the controller have the values
@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from .arms.known_arms import known_arm, maker_of
+from ...core.numbers.rounding import CHAIN_ROUNDING
+from .arms.known_arms import arm_names, known_arm, maker_of
 from .lerobot import MAX_SHARE
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def likely_readings(kinematics: Kinematics, q: Array, series: JointSeries | None
             window = slice(first, first + len(names))
             yield JointReading("columns", series.names[window], series.values[:, window])
     lower, upper = _ranges(kinematics).T
-    if turns.all() and np.isfinite(lower + upper).all():
+    if turns.all() and np.isfinite([lower, upper]).all():
         for percent in (q, np.degrees(q)):
             if 2 * np.pi < np.abs(percent).max() <= MAX_SHARE:
                 yield JointReading(PERCENT, (), 0.005 * (upper - lower) * percent)
@@ -102,6 +103,24 @@ def single_readings(kinematics: Kinematics, q: Array) -> Iterator[JointReading]:
     for k in turns:
         for quarter in (0.5 * np.pi, -0.5 * np.pi, np.pi):
             yield JointReading("zero", (names[k],), _changed(q, k, q[:, k] + quarter))
+
+
+def other_arms(kinematics: Kinematics) -> Iterator[tuple[tuple[str, ...], Kinematics]]:
+    """Yield the arms of the table with as many joints, each with the names of those that have its kinematics."""
+    q = np.linspace(-1.0, 1.0, kinematics.n_joints)
+    own = kinematics.poses(q)
+    alike: list[tuple[list[str], Kinematics, Array]] = []
+    for name in arm_names():
+        if len(known_arm(name).usual) == kinematics.n_joints:
+            arm = type(kinematics).from_name(name)
+            T = arm.poses(q)
+            names = next((names for names, _, other in alike if np.allclose(T, other, atol=CHAIN_ROUNDING)), None)
+            if names is not None:
+                names.append(name)
+            elif not np.allclose(T, own, atol=CHAIN_ROUNDING):
+                alike.append(([name], arm, T))
+    for names, arm, _ in alike:
+        yield tuple(names), arm
 
 
 def _changed(q: Array, k: int, values: Array) -> Array:

@@ -17,6 +17,7 @@ READINGS = {
     "columns": "They fit with the columns {named}: rename these joint_1, joint_2, ..., and the others otherwise.",
     "percent": "They fit if the joints are in -100 to 100 of their ranges, as LeRobot has them: give the calibration "
     "file of the arm (--joint-units my_arm.json), or record in degrees.",
+    "arm": "They fit with the arm {named} of the table: give it (--robot-model {joints[0]}), or its URDF.",
     "inverted": "They fit if the robot poses are gripper_T_base: invert them (--robot-frame gripper_T_base).",
     "millimetres": "They fit if the robot poses are in millimetres (--units robot=mm).",
     "metres": "They fit if the robot poses are in metres (--units robot=m).",
