@@ -1,5 +1,6 @@
 """Files of joint values: columns by name, units, limits, and what is refused."""
 
+import json
 import os
 import re
 import time
@@ -360,3 +361,63 @@ def test_a_record_that_repeats_its_rows(read):
     np.testing.assert_allclose(found.timestamps, 0.002 * np.arange(5))
     np.testing.assert_allclose(found.q[:, 1], 0.1 + 0.001 * np.arange(5))
     assert "3 rows that repeat a time and its numbers are left out" in found.notes
+
+
+ORDERED = [f"joint_{k + 1}" for k in range(6)]
+JSON_ROWS = (np.arange(24.0).reshape(4, 6) - 10.0) / 20.0
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        [dict(zip(ORDERED, row, strict=True)) for row in JSON_ROWS.tolist()],
+        [dict(reversed(list(zip(ORDERED, row, strict=True)))) for row in JSON_ROWS.tolist()],
+        JSON_ROWS.tolist(),
+        {"joint_names": ORDERED, "positions": JSON_ROWS.tolist(), "note": "a"},
+        {"joint_names": ORDERED[::-1], "q": JSON_ROWS[:, ::-1].tolist()},
+        {"poses": [{"joints": row, "image": "a.png"} for row in JSON_ROWS.tolist()]},
+        [{"name": ORDERED[::-1], "position": row[::-1]} for row in JSON_ROWS.tolist()],
+        [{"joint_states": dict(zip(ORDERED, row, strict=True))} for row in JSON_ROWS.tolist()],
+    ],
+)
+def test_joints_in_json(read, tree):
+    found = read(json.dumps(tree), ORDERED)
+    np.testing.assert_array_equal(found.q, JSON_ROWS)
+    assert found.timestamps is None
+
+
+def test_joints_in_json_with_times_and_units(read):
+    tree = [{"timestamp_ms": 1000 * k, **dict(zip((f"{n}_deg" for n in ORDERED), row, strict=True))}
+            for k, row in enumerate(np.degrees(JSON_ROWS).tolist())]  # fmt: skip
+    found = read(json.dumps(tree), ORDERED)
+    np.testing.assert_allclose(found.q, JSON_ROWS, atol=1e-15)
+    np.testing.assert_array_equal(found.timestamps, [0.0, 1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[]", "expected a list with the joint values of each pose"),
+        ('{"a": 1}', "expected a list with the joint values of each pose, got the keys 'a'"),
+        ("[[1, 2, 3]", "not JSON|not YAML|line 1"),
+        ("[[1, 2, 3, 4, 5, 6], [1, 2, 3]]", "pose 1: expected the 6 numbers of pose 0, got 3"),
+        ('[[1, 2, 3, 4, 5, "x"]]', r"pose 0\[5\]: expected a number, got 'x'"),
+        ("[[1, 2, 3]]", r"shape \(n, 6\)"),
+        ('[{"joint_1": 1, "joint_2": 2}]', "no column of joint joint_3"),
+        ('[{"a": "b"}]', "pose 0: expected joint values by their names"),
+        ("[" * 5000, "deep|nest"),
+    ],
+)
+def test_joints_in_json_that_are_wrong(read, content, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read(content, ORDERED)
+    assert "\n" not in str(caught.value) and "joints.json" not in str(caught.value)
+
+
+def test_rows_without_names_are_in_the_order_of_the_arm(read):
+    text = "\r\n".join(", ".join(map(repr, row)) for row in JSON_ROWS.tolist())
+    found = read(text, ORDERED)
+    np.testing.assert_array_equal(found.q, JSON_ROWS)
+    assert "no names of joints: columns in the order of the arm" in found.notes
+    with pytest.raises(InputError, match="expected a header with the names of the joints, got numbers"):
+        read(text, ORDERED[:5])

@@ -29,12 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.one_line import short
-from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.open import StrPath, as_path, opened, require_size, shown
 from ...core.files.table import Places, Schema, Table, read_table, rows_are_numbers
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate, repeats_note, rows_once
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_TABLE_BYTES
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_LINE_CHARACTERS, MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.columns import SECONDS, meaning_and_unit
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
@@ -42,6 +42,7 @@ from .chain import Kinematics
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
 from .joint_columns import Joints, joint_columns
 from .joint_readings import JointSeries, is_coupled, uncoupled
+from .joint_trees import joint_rows
 from .lerobot import MAX_SHARE, STATE, MotorRange, angles_of_shares, read_frames, read_motor_ranges
 
 # Lists of names in rows that name their joints.
@@ -177,6 +178,8 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
                 if len(data) > MAX_TABLE_BYTES:
                     raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB, got more.")
                 times, values, columns = _from_arrays(data, name, wanted)
+            elif start.lstrip().startswith((b"[", b"{")):
+                times, values, columns = _from_tree(file.read(MAX_DESCRIPTION_BYTES + 1), path, wanted)
             else:
                 times, values, columns, lines = _from_csv(file, name, wanted)
     at, L = _row_names(name, lines), len(wanted.names)
@@ -333,7 +336,8 @@ def _from_csv(file: BinaryIO, name: str, wanted: _Wanted) -> tuple[Array | None,
         columns = _header(names, where, wanted)
         time = [] if columns.time is None else [columns.time[0]]
         used = [*columns.joints, *columns.series] or [k for _, k in columns.by_row]
-        return Places([*time, *used], [k for k, _ in columns.by_row])
+        first_row = list(wanted.names) if rows_are_numbers(names) else None
+        return Places([*time, *used], [k for k, _ in columns.by_row], first_row)
 
     def named(names: list[str]) -> bool:
         return any(joint in name for joint in wanted.names for name in names)
@@ -357,12 +361,17 @@ def _by_blanks(file: BinaryIO, wanted: _Wanted) -> bool:
 
 
 def _header(names: list[str], where: str, wanted: _Wanted) -> _Columns:
-    if rows_are_numbers(names):
+    nameless = rows_are_numbers(names)
+    if nameless and not (wanted.joints.counted and len(names) == len(wanted.names)):
         raise InputError(
             f"{where}: expected a header with the names of the joints, got numbers; add it as the first line: "
             f"{short(', '.join(wanted.names))}, in the order of the columns."
         )
     found = _Columns()
+    if nameless:
+        wanted.notes.append("no names of joints: columns in the order of the arm")
+        found.joints, found.units, found.names = list(range(len(names))), [None] * len(names), wanted.names
+        return found
     for k, name in enumerate(names):
         meaning, unit = meaning_and_unit(name)
         if meaning == "timestamp" and name not in wanted.names and found.time is None:
@@ -430,6 +439,22 @@ def _from_frames(path: Path, name: str, wanted: _Wanted) -> tuple[Array | None, 
     frames = read_frames(path)
     wanted.notes += frames.notes
     return frames.times, *_by_name(frames.values, frames.names, wanted, name, name)
+
+
+def _from_tree(data: bytes, path: Path, wanted: _Wanted) -> tuple[Array | None, Array, _Columns]:
+    """Joint values of JSON, by their names or in the order of the arm."""
+    require_size(len(data), MAX_DESCRIPTION_BYTES, path)
+    name = shown(path)
+    names, values = joint_rows(data, name)
+    if not names:
+        wanted.notes.append("columns in the order of the arm")
+        return None, _shaped(values, len(wanted.names), name), _Columns(units=[None] * len(wanted.names))
+    time = next((k for k, one in enumerate(names) if meaning_and_unit(one)[0] == "timestamp"), None)
+    times = None
+    if time is not None:
+        times = values[:, time] * SECONDS[meaning_and_unit(names[time])[1] or "s"]
+        names, values = [one for k, one in enumerate(names) if k != time], np.delete(values, time, axis=1)
+    return times, *_by_name(values, names, wanted, name, name)
 
 
 def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, _Columns]:
