@@ -211,6 +211,5 @@ def test_joints_of_another_arm_of_the_table_are_named(rig, given, true):
     finding = poses.findings[-1]
     assert finding.values["meant"] == "arm" and true in finding.values["joints"]
     assert f"--robot-model {finding.values['joints'][0]}" in str(finding)
-    assert finding.values["joints"] == {"ur5e": ["ur5e", "ur7e"], "crx10ial": ["crx10ial", "crx20ial"]}.get(
-        true, [true]
-    )
+    alike = {"ur5e": ["ur5e", "ur7e"], "ur10e": ["ur10e", "ur12e"], "crx10ial": ["crx10ial", "crx20ial"]}
+    assert finding.values["joints"] == alike[true]
