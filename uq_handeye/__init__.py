@@ -18,6 +18,7 @@ if _typing.TYPE_CHECKING:
     from .calibration.result import Calibration, load
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .core.geometry.nearest_rotation import orthonormalise
+    from .core.geometry.uncertain_poses import covariance_of_inverse, fused_pose, relative_pose
     from .errors import (
         DegenerateMotionError,
         InputError,
@@ -175,6 +176,7 @@ __all__ = [
     "check",
     "compare",
     "compare_with_controller",
+    "covariance_of_inverse",
     "cross_check",
     "detect_board",
     "difference",
@@ -182,6 +184,7 @@ __all__ = [
     "estimate_noise",
     "estimate_robot_noise",
     "from_convention",
+    "fused_pose",
     "include_touches",
     "live",
     "load",
@@ -218,6 +221,7 @@ __all__ = [
     "read_touches",
     "register",
     "relative_motions",
+    "relative_pose",
     "resolve_board_rotation",
     "resolve_pose_ambiguity",
     "sample_posterior",
@@ -281,6 +285,7 @@ _LATER = {
         "to_convention",
     ),
     "core.geometry.nearest_rotation": ("orthonormalise",),
+    "core.geometry.uncertain_poses": ("covariance_of_inverse", "fused_pose", "relative_pose"),
     "read": (
         "read_noise_file",
         "read_pose_file",

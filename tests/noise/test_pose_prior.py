@@ -1,5 +1,7 @@
 """Priors of X and W: what they add to the normal equations, what they refuse, and what people write."""
 
+import json
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -117,3 +119,52 @@ def test_prior_files(tmp_path, rng):
         file.write_text(text)
         with pytest.raises(uq.InputError, match=words):
             uq.read_prior(file)
+
+
+# ------------------------------------------------------------------------- priors in the conventions of other programs
+
+
+def test_a_prior_file_in_the_convention_of_a_library(tmp_path, rng):
+    T, S, file = random_transforms(rng), random_covariance(rng), tmp_path / "prior.json"
+    numbers = uq.to_convention(S, T, "g2o", information=True, of="inverse")
+    tree = {"pose": T.tolist(), "covariance": numbers.tolist(), "convention": "g2o", "information": True}
+    file.write_text(json.dumps(tree | {"of": "inverse"}))
+    pose, covariance = uq.read_prior(file)
+    np.testing.assert_allclose(pose, T)
+    np.testing.assert_allclose(covariance, S, rtol=1e-5, atol=1e-12)
+
+
+def test_the_ros_file_of_a_result_is_a_prior(tmp_path):
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    result = uq.calibrate(uq.simulate(12, noise=noise, seed=1), noise=noise)
+    pose, covariance = uq.read_prior(result.export(tmp_path / "x.yaml"))
+    np.testing.assert_allclose(pose, result.X, atol=1e-12)
+    np.testing.assert_allclose(covariance, result.covariance, rtol=1e-9)
+    message = (tmp_path / "x.yaml").read_text().partition("pose_with_covariance_stamped:\n")[2]
+    (tmp_path / "echoed.yaml").write_text("\n".join(line.removeprefix("  ") for line in message.splitlines()))
+    np.testing.assert_allclose(uq.read_prior(tmp_path / "echoed.yaml")[1], result.covariance, rtol=1e-9)
+
+
+UNIT = np.eye(6).tolist()
+POSE = np.eye(4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("tree", "message"),
+    [
+        ({"pose": POSE, "covariance": UNIT, "conventions": "ros"}, "unknown key 'conventions'"),
+        ({"pose": POSE, "covariance": UNIT, "convention": "rs"}, "Unknown convention 'rs'"),
+        ({"pose": POSE, "std": [1.0] * 6, "convention": "ros"}, "convention is for a covariance"),
+        ({"pose": POSE, "covariance": UNIT, "of": "target"}, "'target' in place of pose or inverse"),
+        ({"pose": POSE, "covariance": UNIT, "information": "yes"}, "'yes' in place of false or true"),
+        ({"pose": POSE, "covariance": UNIT, "convention": "opencv", "pixel_sd": 0.2}, "factor of their own"),
+        ({"pose": POSE, "covariance": np.diag([1.0, 1, 1, 1, 1, 0]).tolist(), "information": True}, "singular"),
+        ({"pose": POSE, "covariance": [[None] * 6] * 6, "convention": "ros"}, "got null"),
+        ({"pose": {"pose": {"position": {"x": 0}}}}, "PoseWithCovariance"),
+        ({"pose": {"position": dict.fromkeys("xyz", 0), "orientation": {**dict.fromkeys("xyz", 0), "w": 1}}}, "36"),
+    ],
+)
+def test_priors_that_are_refused(tmp_path, tree, message):
+    (tmp_path / "prior.json").write_text(json.dumps(tree))
+    with pytest.raises(uq.InputError, match=message):
+        uq.read_prior(tmp_path / "prior.json")
