@@ -181,6 +181,11 @@ def test_columns_that_are_shifted_by_one_are_named(rig):
         _, poses = rig(UR, lambda q: np.column_stack([np.full(len(q), 0.3), q]), [*Q_NAMES, "q_6"])
     (finding,) = poses.findings
     assert finding.values["meant"] == "columns" and "the columns q_1, q_2, q_3, q_4, q_5, q_6" in str(finding)
+    panda = Kinematics.from_name("panda")
+    MIDDLE[panda] = [0.0, 0.2, 0.1, -1.9, 0.0, 1.9, 0.5]
+    words = r"joint joint_4: .*; the columns 'q_1, q_2, q_3, q_4, q_5, q_6, q_7' are within the limits"
+    with pytest.warns(uq.InputWarning, match="8 columns"), pytest.raises(uq.InputError, match=words):
+        rig(panda, lambda q: np.column_stack([np.full(len(q), 0.3), q]), [f"q_{k}" for k in range(8)])
     with pytest.warns(uq.InputWarning, match="7 columns"):  # of a gripper
         _, poses = rig(UR, lambda q: np.column_stack([q, np.full(len(q), 0.3)]), [*Q_NAMES, "q_6"])
     assert poses.findings == ()

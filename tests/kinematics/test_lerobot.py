@@ -108,7 +108,7 @@ def camera(folder, noise=(2e-3, 3e-4)):
     seen = np.linalg.inv(G @ X) @ W
     seen[:, :3, :3] @= Rotation.from_rotvec(noise[0] * rng.normal(size=(len(G), 3))).as_matrix()
     seen[:, :3, 3] += noise[1] * rng.normal(size=(len(G), 3))
-    write_pose_file(folder / "camera.csv", seen)
+    write_pose_file(folder / "camera.csv", seen, np.arange(20.0))
     return folder / "camera.csv"
 
 
@@ -119,6 +119,18 @@ def test_shares_taken_for_degrees_are_named(written, tmp_path):
     assert finding.values["meant"] == "percent" and "--joint-units my_arm.json" in str(finding)
     poses = read_poses(None, camera(tmp_path), joints=path, kinematics=ARM, joint_units=calibration)
     assert poses.findings == ()
+
+
+def test_the_calibration_of_a_rig_is_in_the_folder_of_its_file(written, tmp_path):
+    written(np.column_stack([np.arange(20.0), SHARES]), ["timestamp", *MOTORS])
+    camera(tmp_path)
+    (tmp_path / "rig.toml").write_text(
+        '[arms.arm]\njoints = "joints.csv"\nrobot_model = "so101"\njoint_units = "so101.json"\n'
+        '[cameras.wrist]\non = "arm"\n[targets.board]\non = "world"\n'
+        '[[views]]\ncamera = "wrist"\ntarget = "board"\nfile = "camera.csv"\n'
+    )
+    rig, _ = uq.read_rig(tmp_path / "rig.toml")
+    np.testing.assert_allclose(rig.arms["arm"].joints, Q, atol=2e-6)
 
 
 @pytest.mark.slow

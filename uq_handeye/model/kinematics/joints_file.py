@@ -190,7 +190,15 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
             times, values, lines = times[rows], values[rows], None if lines is None else lines[rows]
             at = _row_names(name, lines)
     _check_finite(values[:, :L], wanted, at)
-    q = _in_units(values[:, :L], columns, wanted, at, name)
+    try:
+        q = _in_units(values[:, :L], columns, wanted, at, name)
+    except InputError as error:
+        if (others := _columns_within(values[:, L:], columns, wanted, at)) is None:
+            raise
+        raise InputError(
+            f"{str(error).rpartition(';')[0]}; the columns {short(', '.join(others))} are within the limits: if these "
+            "are the joints, rename them joint_1, joint_2, ..."
+        ) from error
     if times is not None:
         if not np.isfinite(times).all():
             raise InputError(f"{at(int(np.argmin(np.isfinite(times))))}: expected a finite timestamp.")
@@ -314,6 +322,19 @@ def _may_be_shares(values: Array, columns: _Columns) -> bool:
     """Return whether values from -100 to 100 have names as LeRobot gives them."""
     of_lerobot = all(name.endswith(".pos") or name.startswith(STATE) for name in columns.names)
     return bool(columns.names) and of_lerobot and float(np.abs(values).max()) <= MAX_SHARE
+
+
+def _columns_within(
+    series: Array, columns: _Columns, wanted: _Wanted, at: Callable[[int], str]
+) -> tuple[str, ...] | None:
+    """Return the names of other columns of a longer series whose values are within the limits."""
+    L, unit = len(wanted.names), ANGLE_UNITS[(columns.units or [None])[0] or wanted.units.get(REVOLUTE) or "rad"]
+    with_unit = np.full(L, bool(wanted.units))
+    for first in range(1, series.shape[1] - L + 1):
+        window = slice(first, first + L)
+        if _is_within(unit * series[:, window], wanted.names, wanted.kinds, wanted.limits, with_unit, at):
+            return columns.series_names[window]
+    return None
 
 
 def _is_within(q: Array, *of_arm: Any) -> bool:

@@ -53,6 +53,7 @@ from .sources import (
     at_views,
     clock_offset,
     joint_rows,
+    joint_units_of,
     kinematics_of,
     rows_of_corners,
 )
@@ -168,7 +169,7 @@ class _Read:
         for k in range(len(paths[sources[0]])):
             rows = read_rows(paths["poses"][k], "robot", **_reading(entry)) if "poses" in paths else None
             if "joints" in paths and chain is not None:
-                rows = joint_rows(paths["joints"][k], chain, entry.get("joint_units"), rows)
+                rows = joint_rows(paths["joints"][k], chain, joint_units_of(entry, self.folder), rows)
             assert rows is not None
             if self.rows and name not in self.rows:
                 rows = on_one_clock(rows, next(iter(self.rows.values())), self.tolerance)

@@ -65,6 +65,12 @@ def kinematics_of(entry: Mapping[str, Any], folder: Path, where: str) -> Kinemat
     return Kinematics.from_urdf(file["urdf"], base, tip)
 
 
+def joint_units_of(entry: Mapping[str, Any], folder: Path) -> str | None:
+    """Return the unit of the joint values of an arm; a calibration file of LeRobot is one of the folder."""
+    units: str | None = entry.get("joint_units")
+    return str(folder / units) if units is not None and units.endswith(".json") else units
+
+
 def joint_rows(path: Any, chain: Kinematics, units: str | None, rows: PoseRows | None = None) -> PoseRows:
     """Return the poses of a file of joint values; with ``rows``, those poses with their joints."""
     q = read_joint_file(path, chain, units)
