@@ -330,3 +330,51 @@ def test_columns_of_other_things_are_no_two_poses(tmp_path):
     (tmp_path / "log.csv").write_text(f"{names}\n{lines(rows, ',')}")
     with pytest.raises(InputError):
         read_poses(tmp_path / "log.csv")
+
+
+# ------------------------------------------------------------------------------------------- both sides in one JSON
+
+
+def both_in_json():
+    """Ways in which people keep both sides of a session in one file."""
+    T, six, q = (
+        [of(side) for side in (POSES.robot, POSES.camera)]
+        for of in (np.ndarray.tolist, lambda T: numbers(T, "rotvec").tolist(), lambda T: numbers(T, "xyzw").tolist())
+    )
+    yield (
+        "six numbers and a board's rvec, tvec",
+        [{"tcp_pose": a, "rvec": b[3:], "tvec": b[:3], "image": "1.png"} for a, b in zip(*six, strict=True)],
+    )
+    yield (
+        "rvec and tvec by name",
+        [{"robot_pose": a, "marker_rvec": b[3:], "marker_tvec": b[:3]} for a, b in zip(*six, strict=True)],
+    )
+    yield (
+        "positions and orientations",
+        [
+            {"ee_position": a[:3], "ee_orientation": a[3:], "marker_position": b[:3], "marker_orientation": b[3:]}
+            for a, b in zip(*q, strict=True)
+        ],
+    )
+    yield "below another name", {"data": [{"robot": a, "target": b} for a, b in zip(*T, strict=True)], "date": "today"}
+    yield "hand and eye", {"hand": T[0], "eye": T[1]}
+    yield "hand_poses and eye_poses", {"hand_poses": six[0], "eye_poses": six[1]}
+    millimetres = numbers(POSES.robot, "xyzw", 1e3).tolist()
+    yield (
+        "units of each side",
+        {"robot": {"units": "mm", "poses": millimetres}, "camera": {"units": "m", "poses": q[1]}},
+    )
+
+
+@pytest.mark.parametrize(("way", "content"), list(both_in_json()))
+def test_both_sides_in_one_json(tmp_path, way, content):
+    (tmp_path / "session.json").write_text(json.dumps(content))
+    assert_right(read_poses(tmp_path / "session.json"))
+
+
+def test_two_arrays_by_their_order(tmp_path):
+    np.savez(tmp_path / "session.npz", T2=POSES.camera, T1=POSES.robot)
+    assert_right(read_poses(tmp_path / "session.npz"))
+    np.savez(tmp_path / "session.npz", A=POSES.robot, B=POSES.camera)  # of motions as often as of poses
+    with pytest.raises(InputError, match="expected the arrays robot and camera"):
+        read_poses(tmp_path / "session.npz")

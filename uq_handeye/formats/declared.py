@@ -21,6 +21,8 @@ from ..errors import InputError
 from .contents import Contents, Reading, Side
 from .rotations import SEQUENCES, rotation_form
 
+# Names of maps within a file that say something of all of it.
+ABOUT = ("metadata", "meta", "info", "header", "about", "conventions", "convention", "format", "settings")
 _COMMENT = re.compile(r"^\s*(?:#|%|//|;)+\s*([A-Za-z][\w -]{0,40}?)\s*[:=]\s*([^#\n]{1,80})$", re.MULTILINE)
 
 
@@ -79,9 +81,10 @@ def of_comments(head: str) -> Declared:
 
 
 def _texts(tree: Tree) -> Iterator[tuple[str, str]]:
-    """Yield the entries of a map, and of maps in it, that are short texts."""
+    """Yield the entries of a map, and of maps in it that say something of all of it, that are short texts."""
     for key, value in fields_of(tree).items():
-        for inner, one in fields_of(value).items() or [(key, value)]:
+        about = str(key).strip().lower() in (*ABOUT, *_table()["keys"]["units"])
+        for inner, one in (fields_of(value).items() if about else ()) or [(key, value)]:
             if isinstance(one, str) and len(one) <= MAX_NAME_CHARACTERS:
                 yield str(inner), one
 

@@ -15,7 +15,7 @@ from ..core.files.folders import is_many, paths_of
 from ..core.files.lines import is_number
 from ..core.files.one_line import short
 from ..core.files.open import Hashed, opened, require_size, shown
-from ..core.files.pose_names import pose_name
+from ..core.files.pose_names import poses_named
 from ..core.files.source import Source
 from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, items_of
 from ..core.files.trees import is_json, parse_tree
@@ -315,7 +315,7 @@ def _is_json(tree: Tree) -> bool:
     if samples_of(tree) or (is_list(fields_of(tree).get(ONE_SIDE)) and not is_storage(tree)):
         return True
     keys = _keys(tree)
-    named = "format" in keys or any(pose_name(key) is not None for key in keys)
+    named = "format" in keys or bool(poses_named(keys))
     return named and not is_storage(tree) and "R_gripper2base" not in keys
 
 

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.files.pose_names import pose_name
+from ..core.files.pose_names import pose_name, poses_named
 from ..core.files.tree_values import (
     Tree,
     fields_of,
@@ -36,11 +36,13 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side, matrices_side
 from .controllers.records import records_side
+from .declared import Declared, believed, of_tree
 from .matrices.arrays import is_poses, side_of_array
 from .matrices.matrix_trees import matrices_of, numbers_of
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}
 ONE_SIDE = "poses"
+BOTH = {"robot", "camera"}
 MESSAGE = ("timestamp", *(f"translation.{axis}" for axis in "xyz"), *(f"rotation.{axis}" for axis in "xyzw"))
 
 
@@ -68,32 +70,46 @@ def read_json(tree: Tree, name: str) -> Contents:
     notes = [] if setup is None else [f"{setup}, as the file says"]
     times = tree.get("timestamps")
     sides: dict[str, Side] = {}
-    for key in tree:
-        if (known := pose_name(key)) is None:
-            continue
-        role, frame = known
+    for key, (role, frame) in poses_named(tree).items():
         if role in sides:
             raise InputError(f"{name}: expected the {role} poses once, got {got(tree)}.")
         if key != role:
             notes.append(f"{role} poses from {key}")
-        sides[role] = _side(tree[key], name, f", {key}", None if key == role else frame, times)
+        given, own = _poses_in(tree[key])
+        side = _side(given, name, f", {key}", None if key == role else frame, times)
+        said = believed(Contents(only=side), own, f"{name}, {key}")
+        assert said.only is not None
+        sides[role] = said.only
+        notes += [f"{role}: {note}" for note in said.notes]
     if not sides:
         raise InputError(f"{name}: expected the keys robot and camera, got {got(tree)}.")
     return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
 
 
 def samples_of(tree: Tree) -> list[dict[str, Tree]]:
-    """The samples, maps that hold both sides by `pose_name`; none if the tree is no such list."""
-    samples = items_of(fields_of(tree).get("samples", tree))
-    first = fields_of(next(iter(samples), None))
-    roles = {known[0] for known in map(pose_name, first) if known is not None}
-    return samples if roles == {"robot", "camera"} else []
+    """The samples, maps that hold both sides by `poses_named`, also below one name; none if there are no such."""
+    lists = [items_of(one) for one in (tree, *fields_of(tree).values())]
+    roles = [{role for role, _ in poses_named(fields_of(next(iter(one), None))).values()} for one in lists]
+    found = [one for one, of in zip(lists, roles, strict=True) if of == BOTH]
+    return found[0] if len(found) == 1 else []
+
+
+def _poses_in(value: Tree) -> tuple[Tree, Declared]:
+    """Return the poses of one side, and what a map says in which they stand as its only list: its units, its frames."""
+    lists = [one for one in fields_of(value).values() if len(items_of(one)) > 1 and not _is_number(items_of(one)[0])]
+    if is_map(value) and not is_message(value) and len(lists) == 1:
+        return lists[0], of_tree(value)
+    return value, Declared()
+
+
+def _is_number(value: Tree) -> bool:
+    return isinstance(value, int | float)
 
 
 def _turned(tree: Tree, name: str) -> dict[str, Tree]:
     """Samples as a list of each side."""
     samples = samples_of(tree)
-    keys = [key for key in samples[0] if pose_name(key) is not None]
+    keys = list(poses_named(samples[0]))
     turned: dict[str, Tree] = {
         key: [item(sample, key, f"{name}, sample {k}") for k, sample in enumerate(samples)] for key in keys
     }

@@ -22,7 +22,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..core.files.one_line import refused, short
-from ..core.files.pose_names import pose_name
+from ..core.files.pose_names import pose_name, poses_named
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
@@ -108,7 +108,9 @@ def _of_arrays(
     """
     pairs, either = joined
     common = next((key for key in TIMES if key in arrays and not (key == "t" and (pairs or either))), "")
-    found = [(key, *known, values) for key, values in arrays.items() if (known := pose_name(key)) is not None]
+    stacked = [key for key, values in arrays.items() if is_poses(values.shape) and key not in TIMES]
+    named = poses_named(stacked) | {key: known for key in arrays if (known := pose_name(key)) is not None}
+    found = [(key, *named[key], values) for key, values in arrays.items() if key in named]
     found += pairs
     if either is not None and found:
         found.append((either[0], "camera", "camera_T_target", either[1]))

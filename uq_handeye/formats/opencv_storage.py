@@ -117,14 +117,19 @@ _PARTS = tuple(
     for rotation, translation in (
         ("rvec", "tvec"), ("R", "t"), ("rot", "trans"), ("rotation", "translation"), ("rotvec", "translation"),
         ("rotvec", "position"), ("rotation", "position"), ("rotation_vector", "translation_vector"),
+        ("orientation", "position"), ("quaternion", "position"), ("quaternion", "translation"), ("quat", "pos"),
+        ("q", "t"), ("q", "p"),
     )
 )  # fmt: skip
+_VECTOR_ENDS = ("_rvec", "_rotvec", "_rotation_vector")
 
 
 def joined_parts(tree: Tree) -> Tree:
-    """Return a tree in which a rotation and a translation of one name are the pose of that name, a 4x4 matrix.
+    """Return a tree in which a rotation and a translation of one name are the pose of that name.
 
-    Rotations are matrices or rotation vectors in rad; names are those that `pose_name` knows.
+    Matrices and rotation vectors (rad) become 4x4 matrices, quaternions a row of seven numbers. Names are those that
+    `pose_name` knows, alone or with ``_pose`` behind them. ``rvec`` and ``tvec`` beside a pose of the robot are the
+    camera's.
     """
     if is_list(tree):
         return [joined_parts(entry) if is_map(entry) else entry for entry in tree]
@@ -135,12 +140,30 @@ def joined_parts(tree: Tree) -> Tree:
         for R_end, t_end in _PARTS:
             stem = str(key).removesuffix(R_end)
             other = f"{stem}{t_end}"
-            if stem == key or other not in tree or stem in tree or pose_name(stem) is None:
+            named = stem if pose_name(stem) is not None else f"{stem}_pose"
+            if stem == key or other not in tree or named in tree or pose_name(named) is None:
                 continue
-            R, t = (np.array(numbers, dtype=float) for numbers in map(_flat, (tree[key], tree[other])))
-            if R.size in (3, 9) and t.size == 3 and np.isfinite(R).all() and np.isfinite(t).all():
-                found |= {str(key): None, other: None, stem: joined(R, t, stem, stem)[0].tolist()}
+            if (pose := _joined(tree[key], tree[other], R_end in _VECTOR_ENDS)) is not None:
+                found |= {str(key): None, other: None, named: pose}
+    roles = {known[0] for key in {*tree, *found} if (known := pose_name(str(key))) is not None}
+    alone = {"rvec", "tvec"} <= set(tree) and roles == {"robot"}
+    if alone and (pose := _joined(tree["rvec"], tree["tvec"], True)) is not None:
+        found |= {"rvec": None, "tvec": None, "camera": pose}
     return {key: value for key, value in {**tree, **found}.items() if value is not None} if found else tree
+
+
+def _joined(rotation: Tree, translation: Tree, vector: bool) -> Tree:
+    """Return the pose of a rotation and a translation; None unless they are numbers of one. ``vector``: three numbers
+    are a rotation vector in rad.
+    """
+    R, t = (np.array(numbers, dtype=float) for numbers in map(_flat, (rotation, translation)))
+    if t.size != 3 or not (np.isfinite(R).all() and np.isfinite(t).all()):
+        return None
+    if R.size == 4:
+        return [*t.tolist(), *R.tolist()]
+    if R.size == 9 or (R.size == 3 and vector):
+        return [list(map(float, row)) for row in joined(R, t, "a pose", "a pose")[0]]
+    return None
 
 
 def _flat(value: Tree) -> list[float]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from functools import lru_cache
+from itertools import combinations
 
-from ..numbers.limits import MAX_NAME_CHARACTERS
+from ..numbers.limits import MAX_LISTED, MAX_NAME_CHARACTERS
 
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _FRAMES = {
@@ -35,7 +36,10 @@ _SIDES = {
 
 # Names of the robot's and the camera's poses that mean nothing alone: by their order, or by words.
 _ORDERED = re.compile(r"(T|H|M|pose|poses|transform|transforms|trans)[_ ]?([12])", re.IGNORECASE)
-_WORDS_OF_SIDES = (("hand", "eye"), ("arm", "eye"), ("robot", "eye"), ("gripper", "target"))
+_OF_ROBOT = ("hand", "arm", "robot", "gripper", "tcp", "ee", "flange", "tool")
+_OF_CAMERA = (
+    "eye", "target", "board", "marker", "tag", "camera", "cam", "pattern", "checkerboard", "aruco", "charuco",
+)  # fmt: skip
 
 
 def sides_of_names(names: Collection[str]) -> dict[str, str] | None:
@@ -52,10 +56,24 @@ def sides_of_names(names: Collection[str]) -> dict[str, str] | None:
         first, second = sorted(numbers, key=lambda name: numbers[name][1])
         return {first: "robot", second: "camera"} if numbers[first] != numbers[second] else None
     small = {re.sub(r"[_ ]?(?:poses?|list|matrices)$", "", name.lower()): name for name in names}
-    for robot, camera in _WORDS_OF_SIDES:
-        if set(small) == {robot, camera}:
-            return {small[robot]: "robot", small[camera]: "camera"}
-    return None
+    robots, cameras = ([small[word] for word in words if word in small] for words in (_OF_ROBOT, _OF_CAMERA))
+    return {robots[0]: "robot", cameras[0]: "camera"} if len(robots) == len(cameras) == 1 else None
+
+
+def poses_named(names: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Return side and frame of the names that say them, alone (`pose_name`) or as the only two that do together.
+
+    >>> poses_named(["robot", "target", "image"])["target"]
+    ('camera', 'camera_T_target')
+    """
+    found = {name: known for name in names if (known := pose_name(name)) is not None}
+    if {role for role, _ in found.values()} == {"robot", "camera"} or len(names) > MAX_LISTED:
+        return found
+    pairs = [pair for two in combinations(names, 2) if (pair := sides_of_names(two)) is not None]
+    if len(pairs) != 1 or any(pairs[0].get(name, role) != role for name, (role, _) in found.items()):
+        return found
+    usual = {"robot": _SIDES["base", "gripper"], "camera": _SIDES["camera", "target"]}
+    return found | {name: usual[role] for name, role in pairs[0].items() if name not in found}
 
 
 @lru_cache(maxsize=4096)

@@ -64,7 +64,7 @@ def _of_table(table: NumberTable, form: PoseForm | None) -> Contents:
 def _of_labels(table: NumberTable, form: PoseForm | None) -> Contents | None:
     """Return both sides of a table whose rows name their side (``hand``, ``eye``); None for any other."""
     for texts in zip(*table.texts, strict=True) if len(table.texts) == len(table.values) else ():
-        words = [text.strip().lower() for text in texts]
+        words = [text.strip(" :,").lower() for text in texts]
         roles = {
             word: role for role, known in (("robot", _ROBOTS), ("camera", _CAMERAS)) for word in known if word in words
         }
