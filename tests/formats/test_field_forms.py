@@ -378,3 +378,31 @@ def test_two_arrays_by_their_order(tmp_path):
     np.savez(tmp_path / "session.npz", A=POSES.robot, B=POSES.camera)  # of motions as often as of poses
     with pytest.raises(InputError, match="expected the arrays robot and camera"):
         read_poses(tmp_path / "session.npz")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '{"compas": ' + '{"a": ' * 400 + "1" + "}" * 401,
+        '[{"robot_pose": [1, 2], "marker_rvec": ' + "[" * 300 + "1" + "]" * 300 + ', "marker_tvec": [1, 2, 3]}]',
+        '{"units": {"translation": ["mm"], "rotation": {"a": "deg"}}, "poses": [[1, 2, 3, 4, 5]]}',
+        '{"convention": "' + "base2gripper" * 1000 + '", "poses": [1]}',
+        '[{"dtype": "compas.geometry/Frame", "data": {"point": [1, 2], "xaxis": [1e400, 0, 0], "yaxis": "a"}}]',
+        '{"T1": [1, 2], "T2": {"rows": 4, "cols": 4, "dt": "d", "data": [1]}}',
+        '{"robot": {"units": "mm", "poses": []}, "camera": {"units": 3}}',
+        "hand," + ",".join(["1e999"] * 6) + "\neye,1,2,3,4,5,6\n",
+        "# units: " + "m" * 100_000 + "\nx,y,z,qx,qy,qz,qw\n",
+        "1 2 3 4 5 6 7 8 9 10 11 nan\n" * 5,
+    ],
+)
+@pytest.mark.parametrize("name", ["robot.json", "robot.txt"])
+def test_hostile_contents_are_refused_in_one_line(tmp_path, content, name):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError) as caught:
+        declared_only(tmp_path / name)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 1500
+
+
+def declared_only(path):
+    write_pose_file(path.parent / "camera.csv", POSES.camera)
+    return read_poses(path, path.parent / "camera.csv")

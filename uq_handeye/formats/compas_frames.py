@@ -9,26 +9,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.files.tree_values import Tree, fields_of, is_list, is_map
+from ..core.files.tree_values import Tree, is_list, is_map
+from ..core.files.trees import MAX_DEPTH
 from .matrices.matrix_trees import numbers_of
 
 PARTS = ("point", "xaxis", "yaxis")
 
 
-def without_compas(tree: Tree) -> Tree:
-    """Return a tree in which frames and transformations of COMPAS are 4x4 matrices."""
+def without_compas(tree: Tree, depth: int = 0) -> Tree:
+    """Return a tree in which frames and transformations of COMPAS, at most `MAX_DEPTH` deep, are 4x4 matrices."""
+    if depth > MAX_DEPTH:
+        return tree
     if is_list(tree):
-        return [without_compas(entry) for entry in tree] if any(map(is_map, tree)) else tree
+        return [without_compas(entry, depth + 1) for entry in tree] if any(map(is_map, tree)) else tree
     if not is_map(tree):
         return tree
     if {"dtype", "data"} <= set(tree) and str(tree["dtype"]).startswith("compas"):
-        return without_compas(tree["data"])
+        return without_compas(tree["data"], depth + 1)
     parts = [numbers_of(tree.get(name)) for name in PARTS]
     if all(part is not None and part.shape == (3,) for part in parts):
         return _matrix(np.array(parts, dtype=float)) or tree
-    if set(fields_of(tree)) == {"matrix"}:
-        return tree["matrix"]
-    return {key: without_compas(value) for key, value in tree.items()}
+    if set(tree) == {"matrix"}:
+        matrix: Tree = tree["matrix"]
+        return matrix
+    return {key: without_compas(value, depth + 1) for key, value in tree.items()}
 
 
 def _matrix(parts: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[list[float]] | None:

@@ -417,10 +417,10 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
         if len(row.fields) != count or row.names != first.names:
             how = f"{count} fields as {what} say"
             raise other_count(f"{name}, line {row.line}", how, len(row.fields), ", ".join(row.fields), f"; {help}")
-    if names is not None and (left := _not_seen(names, rows)):
-        rows = [row for k, row in enumerate(rows) if k not in left]
+    if names is not None and (unseen := _not_seen(names, rows)):
+        rows = [row for k, row in enumerate(rows) if k not in unseen]
         first = rows[0]
-        notes.append(f"rows in which nothing was seen left out: {len(left)}")
+        notes.append(f"rows in which nothing was seen left out: {len(unseen)}")
     if (times := _times(rows, count)) is not None:
         k, seconds = times
         rows = [

@@ -167,13 +167,10 @@ def _joined(rotation: Tree, translation: Tree, vector: bool) -> Tree:
 
 
 def _flat(value: Tree) -> list[float]:
-    """Return the numbers of nested lists, or of a matrix of OpenCV; none of anything else."""
-    if _is_matrix(value):
-        return _flat(fields_of(value)["data"])
-    if is_list(value):
-        parts = [_flat(one) if is_list(one) else [one] for one in value[:9]]
-        return [one for part in parts for one in part if is_plain_number(one)]
-    return []
+    """Return the numbers of a list, of a list of lists, or of a matrix of OpenCV; none of anything else."""
+    entries = items_of(fields_of(value)["data"] if _is_matrix(value) else value)[:9]
+    parts = [items_of(one) if is_list(one) else [one] for one in entries]
+    return [one for part in parts for one in part if is_plain_number(one)]
 
 
 def _poses_alone(tree: dict[str, Tree]) -> dict[str, Array]:
