@@ -156,7 +156,7 @@ def other_convention(job: Job, result: Calibration | None) -> list[Finding]:
             robot = np.zeros((6, 6)) if noise.robot is None else noise.robot
             camera, given = noise.camera, noise.read_as.get("camera", given)
         case None if poses.camera_covariance is not None and poses.camera_covariance.shared.shape[-1] == 0:
-            camera = poses.camera_covariance.own
+            camera, given = poses.camera_covariance.own, poses.camera_read_as or given
     sides = [S for S in (robot, camera) if S is not None]
     if camera is None or not all(isinstance(S, np.ndarray) and S.shape[-2:] == (6, 6) for S in sides):
         return []

@@ -280,7 +280,7 @@ def _shared_of(
         return ()
     if estimated and shared != ():
         assert poses is not None
-        errors = tuple(replace_defaults(shared or (), camera is not None or poses.camera_known))
+        errors = tuple(replace_defaults(shared or (), camera is not None or poses.intrinsics_covered))
         return errors if shared is None else checked_errors(errors, poses)
     errors = tuple(shared or ()) if poses is None else checked_errors(shared, poses)
     if not errors:

@@ -15,6 +15,7 @@ from .noise import EXACT, Given, without_poses
 from .values import one_of
 
 if TYPE_CHECKING:
+    from ..core.geometry.conventions import CovarianceReading
     from ..model.noise.models import Noise
     from ..model.poses.pose_numbers import Selection
     from ..model.poses.pose_pairs import PosePairs
@@ -233,7 +234,7 @@ class PoseFiles(StreamFiles):
         if not isinstance(found.noise, PoseNoise):
             side = "--robot-noise" if given.prior is not None and given.prior.camera is not None else "--camera-noise"
             raise InputError(f"{exact} the other noise cannot be estimated. Give {side}, or {side} {EXACT}.")
-        known = noise is not None or poses.camera_known
+        known = noise is not None or poses.intrinsics_covered
         listed = replace_defaults((), known) if shared is None else shared
         errors = settled_errors(listed, {error.name: error.prior_sd for error in found.shared}, poses)
         return poses, without_shared(found.noise, errors), list(errors)
@@ -352,7 +353,7 @@ class PoseFiles(StreamFiles):
                 noise = None if given is None else without_poses(given.noise, "--pair async")
                 poses, noise = self._synchronised_poses(noise, sensors or self.sensors(arm))
             else:
-                poses = self._read(how, pictures, arm)
+                poses = self._read(how, pictures, arm, None if given is None else given.reading)
                 noise = None if given is None else given.noise_at(poses)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < fewest:
@@ -386,14 +387,22 @@ class PoseFiles(StreamFiles):
         if wrong:
             raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}. Remove the option.")
 
-    def _read(self, how: str | None, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
+    def _read(
+        self,
+        how: str | None,
+        pictures: "Pictures | None",
+        arm: Arm | None,
+        covariance: "CovarianceReading | None" = None,
+    ) -> "PosePairs":
         from ..read import read_poses
 
         of_arm: dict[str, Any] = {} if arm is None else arm.of_files
         if self.time_tolerance is not None:
             of_arm |= {"tolerance": self.time_tolerance}
         if pictures is None:
-            return read_poses(self.robot, self.camera, pair=how, **self.reading, **of_arm)
+            return read_poses(
+                self.robot, self.camera, pair=how, covariance_convention=covariance, **self.reading, **of_arm
+            )
         reading = {name: value for name, value in self.reading.items() if name != "camera_frame"}
         return pictures.poses(self.robot, **reading, **of_arm)
 

@@ -88,5 +88,5 @@ class SharedOptions:
             raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
         errors = list(declared.values())
         if declared and noise is None:
-            errors = replace_defaults(declared.values(), views is not None or poses.camera_known, not none)
+            errors = replace_defaults(declared.values(), views is not None or poses.intrinsics_covered, not none)
         return list(checked_errors(errors, poses))

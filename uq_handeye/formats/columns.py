@@ -46,6 +46,12 @@ _COUNTING = re.compile(
 )
 _PARTS = re.compile(r"(?:.*[./_])?(?:(position|translation)|orientation|rotation|quaternion)[./_]([xyzw])")
 _EUROC = re.compile(r"(?:(p)|q)_(?:[a-z]+_)+([xyzw])")
+# Numbers of a covariance; of two components; and what ROS's tools put before them.
+_COVARIANCE = re.compile(r"(?:.*[./_])?cov(?:ariance)?[._\[]?(\d{1,2})\]?")
+_COVARIANCE_OF = re.compile(r"(?:.*[./])?cov(?:ariance)?_([a-z]+)_([a-z]+)")
+_COMPONENT = {name: k for k, names in enumerate(("x", "y", "z", "roll rx", "pitch ry", "yaw rz"))
+              for name in names.split()}  # fmt: skip
+_OF_ROS = ("pose.", "pose/", "field.", "/", "msg.")
 # What programs put before the names, in small letters.
 _PREFIX = re.compile(
     r"(?:(?:actual|current|act|cart|cartesian|robot|tcp|tool|pose|position|pos|target|flange|ee|eef|tf|world|base|cam|"
@@ -132,6 +138,35 @@ def in_seconds(times: Array, unit: str) -> tuple[Array, str]:
         if largest > limit:
             return times * SECONDS[finer], f"timestamps in {finer}, as their size shows"
     return times, ""
+
+
+def covariance_columns(names: Sequence[str]) -> tuple[list[int], str] | None:
+    """Return the columns of the 36 numbers of a covariance, row by row, and the convention that their names say.
+
+    All 36, or the 21 of the upper triangle: numbered (``pose.covariance[0]``, ``cov_35``), by row and column
+    (``cov_00``, ``cov_16``), or by the names of two components (``cov_x_yaw``, of ROS). None where there are others.
+    """
+    upper = [(i, j) for i in range(6) for j in range(i, 6)]
+    square = [(i, j) for i in range(6) for j in range(6)]
+    found: dict[tuple[int, int], int] = {}
+    numbered = [(k, one) for k, name in enumerate(names) if (one := _COVARIANCE.fullmatch(name.lower()))]
+    named = [(k, one) for k, name in enumerate(names) if (one := _COVARIANCE_OF.fullmatch(name.lower()))]
+    convention = "ros"
+    if named and all(part in _COMPONENT for _, one in named for part in one.groups()):
+        found = {(_COMPONENT[one[1]], _COMPONENT[one[2]]): k for k, one in named}
+    elif len(numbered) in (21, 36):
+        texts = [one[1] for _, one in numbered]
+        places = square if len(texts) == 36 else upper
+        for first in (0, 1):
+            if sorted(map(int, texts)) == list(range(first, first + len(texts))):
+                found = {places[int(text) - first]: k for text, (k, _) in zip(texts, numbered, strict=True)}
+            elif set(texts) == {f"{i + first}{j + first}" for i, j in places}:
+                found = {(int(text[0]) - first, int(text[1]) - first): k
+                         for text, (k, _) in zip(texts, numbered, strict=True)}  # fmt: skip
+        if not all(one[0].startswith(_OF_ROS) for _, one in numbered):
+            convention = "toolkit"
+    columns = [found.get((i, j), found.get((j, i), -1)) for i, j in square]
+    return None if -1 in columns else (columns, convention)
 
 
 def counts_poses(name: str) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate, repeats_note, rows_once
+from ..core.geometry.conventions import CovarianceReading, convention_of
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, among, require_one_of
 from .rotations import MATRICES, QUATERNIONS, RotationForm, rotation_form
@@ -62,6 +63,8 @@ class Side:
     others : readings that are tried where robot and camera agree with none of ``readings``
     labels : where each pose stands, for messages, in place of ``rows``
     numbers : (n,) what each pose is counted by: the number in the name of its file, or in a column such as Nr or image
+    covariance : (n, 6, 6) numbers of the covariance of each pose as they stand in the file, or None
+    convention : how these are read where nothing else is said
     """
 
     name: str
@@ -78,6 +81,8 @@ class Side:
     others: tuple[Reading, ...] = ()
     labels: tuple[str, ...] = ()
     numbers: tuple[int, ...] = ()
+    covariance: Array | None = None
+    convention: str = "toolkit"
 
     def __len__(self) -> int:
         return len(self.translation)
@@ -112,6 +117,7 @@ def rows_of_side(side: Side, rows: NDArray[np.intp]) -> Side:
         rows=rows if side.rows is None else side.rows[rows],
         labels=tuple(side.labels[k] for k in rows) if side.labels else (),
         numbers=tuple(side.numbers[k] for k in rows) if side.numbers else (),
+        covariance=None if side.covariance is None else side.covariance[rows],
     )
 
 
@@ -190,6 +196,41 @@ def finished(side: Side, role: str, units: str | None, rotation: str | None, fra
     if not among(frame, (usual, inverted)):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
     return inverse(poses) if inverted in (frame, side.frame) else poses
+
+
+def known_covariance(side: Side) -> Array | None:
+    """Return the numbers of the covariances of a side; None where they are not known for every pose.
+
+    All zero, and -1 in the first place, mean that a covariance is not known.
+    """
+    S = side.covariance
+    if S is None or not np.isfinite(S).all():
+        return None
+    unknown = (S == 0.0).all(axis=(-2, -1)) | (S[:, 0, 0] == -1.0)
+    return None if unknown.any() else S
+
+
+def finished_covariance(
+    side: Side, role: str, units: str | None, rotation: str | None, frame: str, poses: Array, reading: CovarianceReading
+) -> Array | None:
+    """Covariances (n, 6, 6) of the ``poses`` that `finished` made of the side; None where they are not known.
+
+    ``reading``: how the numbers are read. Raises `InputError` for numbers that are no covariances.
+    """
+    S = known_covariance(side)
+    if S is None:
+        return None
+    reading_of_rotation = _form(side, role, rotation)[1]
+    unit = side.units or units or (None if reading_of_rotation is None else reading_of_rotation.units) or "m"
+    factor = require_units(unit)
+    lengths = np.array([1.0, 1, 1, factor, factor, factor])
+    if convention_of(reading.convention).order.startswith("translation"):
+        lengths = np.roll(lengths, 3)
+    scale = np.outer(lengths, lengths)
+    S = S / scale if reading.information else S * scale
+    if FRAMES[role][1] in (frame, side.frame):
+        reading = replace(reading, inverse=not reading.inverse)
+    return reading.read(S, poses, f"covariance of {side.name}")
 
 
 def _form(side: Side, role: str, rotation: str | None) -> tuple[RotationForm, Reading | None]:

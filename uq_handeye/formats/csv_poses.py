@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import warnings
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
-from .columns import counts_poses, in_seconds, meaning_and_unit
+from .columns import counts_poses, covariance_columns, in_seconds, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units, without_repeats
 
 HEADER = ",".join(COLUMNS)
@@ -41,6 +42,9 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
     """The poses of a CSV file, as they stand there."""
     table = read_table(file, name, SCHEMA)
     names = list(table.headings)
+    covariances = covariance_columns(table.names)
+    if covariances is not None:  # they come behind the columns of the poses
+        names = names[: -len(set(covariances[0]))]
     meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
     unit_of = dict(zip(meant, units, strict=True))
     notes = []
@@ -78,6 +82,9 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         name, table.values[:, translation], table.values[:, quaternion], times, table.lines, "line", order, columns,
         units=length, numbers=numbers_in(text for (text,) in table.texts),
     )  # fmt: skip
+    if covariances is not None:
+        places = [table.places.numbers.index(k) for k in covariances[0]]
+        side = replace(side, covariance=table.values[:, places].reshape(-1, 6, 6), convention=covariances[1])
     return Contents(only=side, notes=tuple(notes))
 
 
@@ -171,7 +178,9 @@ def _places(names: list[str], line: str, where: str) -> Places:
             got = ", ".join(sorted(unit or "none" for unit in lengths))
             raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")
         counting = (k for k, name in enumerate(names) if k not in used and counts_poses(name))
-        return Places(used, list(counting)[:1])
+        found = covariance_columns(names)
+        covariance = [] if found is None else sorted(set(found[0]))
+        return Places([*used, *covariance], list(counting)[:1])
     if words := list(numbers_only(line)):
         what = f"got numbers: the header line is missing, {_missing_line(len(words))}"
         raise InputError(f"{where}: expected the header {HEADER}, {what}.")

@@ -81,6 +81,9 @@ def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
         readings=readings,
         others=tuple(reading for reading in first.others if all(reading in side.others for side in sides)),
         labels=tuple(shown(Path(one)) for one in _names(paths)),
+        covariance=None
+        if any(side.covariance is None for side in sides)
+        else np.concatenate([side.covariance for side in sides if side.covariance is not None]),
         numbers=numbers_in(one.partition("/")[0] for one in _names(paths)),
     )
 

@@ -32,6 +32,7 @@ class Stamped(NamedTuple):
     parent: str
     child: str
     numbers: tuple[float, ...]  # x, y, z, qx, qy, qz, qw
+    covariance: tuple[float, ...] | None = None  # 36 numbers of PoseWithCovariance, row by row
 
     @property
     def pair(self) -> str:
@@ -130,8 +131,21 @@ def _poses(value: Message, time: float | None, parent: str, child: str) -> list[
         return [one for item, name in zip(items, names, strict=False) for one in _poses(item, time, parent, name) or []]
     for name in ("transform", "pose"):
         if (inner := part(value, name)) is not None:
-            return _poses(inner, time, parent, child)
+            found = _poses(inner, time, parent, child)
+            covariance = part(value, "covariance")
+            if covariance is None or found is None or len(found) != 1:
+                return found
+            return [found[0]._replace(covariance=_covariance(covariance))]
     return None
+
+
+def _covariance(value: Message) -> tuple[float, ...] | None:
+    """Return the 36 numbers of a covariance; None where they are not 36 numbers."""
+    try:
+        numbers = tuple(float(x) for x in value)
+    except (TypeError, ValueError):
+        return None
+    return numbers if len(numbers) == 36 else None
 
 
 def _listed(value: Message, name: str) -> list[Message]:

@@ -44,13 +44,20 @@ def side_of(records: list[Stamped], lines: list[int], name: str, notes: list[str
     times = [record.time for record in records]
     numbers = np.array([record.numbers for record in records])
     stamps = None if any(time is None for time in times) else np.array(times, dtype=float)
-    return one_side(name, numbers, stamps, np.array(lines), notes)
+    covariances = [record.covariance for record in records if record.covariance is not None]
+    S = np.reshape(covariances, (-1, 6, 6)) if len(covariances) == len(records) else None
+    return one_side(name, numbers, stamps, np.array(lines), notes, S)
 
 
 def one_side(
-    name: str, numbers: Array, stamps: NDArray[np.float64] | None, lines: NDArray[np.int64], notes: list[str]
+    name: str,
+    numbers: Array,
+    stamps: NDArray[np.float64] | None,
+    lines: NDArray[np.int64],
+    notes: list[str],
+    covariance: Array | None = None,
 ) -> Contents:
-    """Return poses (n, 7) as they stand, of a robot that stood still one."""
+    """Return poses (n, 7) as they stand, of a robot that stood still one; with covariances (n, 6, 6) of ROS."""
     if len(numbers) > 1 and (moved := _at_rest(numbers)) is not None:  # of a robot that stood still: a file per pose
         if moved == 0.0:
             notes.append(f"the same pose {len(numbers)} times, taken once")
@@ -59,11 +66,16 @@ def one_side(
             notes.append(f"a pose at rest (within {1e3 * moved:.2g} mm) {len(numbers)} times, the mean taken")
             R = Rotation.from_quat(numbers[:, 3:]).mean()
             numbers = np.append(numbers[:, :3].mean(axis=0), R.as_quat())[None]
+            covariance = None  # that of a mean is another one
         stamps, lines = None if stamps is None else stamps[:1], lines[:1]
+        covariance = None if covariance is None else covariance[:1]
     if stamps is not None and len(stamps) > 1 and (stamps == stamps[0]).all() and np.ptp(numbers, axis=0).any():
         notes.append(f"all stamps are {stamps[0]:g}, and not used as times")
         stamps = None
-    side = Side(name, numbers[:, :3], numbers[:, 3:], stamps, lines, "line", "xyzw", FIELDS)
+    side = Side(
+        name, numbers[:, :3], numbers[:, 3:], stamps, lines, "line", "xyzw", FIELDS, covariance=covariance,
+        convention="ros",
+    )  # fmt: skip
     return without_repeats(Contents(only=side, notes=tuple(notes)))
 
 

@@ -103,7 +103,8 @@ def _csv_pose(fields: list[str]) -> Stamped | None:
     if abs(sum(q * q for q in numbers[3:]) - 1.0) > 2e-3:
         return None
     parent, child = frame_name(fields[2]), frame_name(fields[3]) if frames == 4 else ""
-    return Stamped(float(fields[0]) + 1e-9 * float(fields[1]), parent, child, numbers)
+    covariance = tuple(map(float, fields[frames + 7 :])) or None
+    return Stamped(float(fields[0]) + 1e-9 * float(fields[1]), parent, child, numbers, covariance)
 
 
 def _csv_records(text: str, name: str) -> Iterator[tuple[int, list[Stamped]]]:

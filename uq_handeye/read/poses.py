@@ -15,14 +15,16 @@ import numpy as np
 
 from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
+from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
-from ..formats.contents import FRAMES, Contents, Side, finished
+from ..formats.contents import FRAMES, Contents, Side, finished, finished_covariance
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..formats.rotations import QUATERNIONS, rotation_form
+from ..model.noise.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
 from .joints import Joints, give_joints, joints_of
@@ -93,6 +95,9 @@ def read_poses(
         any case ("rows"); or those nearest in time, within ``tolerance``, one to one.
     tolerance : float
         Seconds.
+    covariance_convention : str or None
+        Convention of the covariances that come with the camera poses, a name in `conventions.CONVENTIONS`, with commas
+        also ``information``, ``inverse`` and ``pixel_sd=0.2``. None: that of ROS for its messages, else the toolkit's.
     joints : path or None
         File of joint values (`read_joints`), for the ``joints`` of the pairs. Without ``robot`` its rows are paired as
         those of a robot file; beside it row k belongs to row k of ``robot``, or to the nearest within ``tolerance``
@@ -149,6 +154,7 @@ class ReadRequest:
     joints: StrPath | None = None
     kinematics: Kinematics | None = None
     joint_units: str | None = None
+    covariance_convention: str | CovarianceReading | None = None
 
     def __post_init__(self) -> None:
         if self.pair is not None and not among(self.pair, PAIRINGS):
@@ -156,7 +162,13 @@ class ReadRequest:
             raise InputError(f"Expected `pair` (--pair) to be {' or '.join(PAIRINGS)}, got {self.pair!r}{hint}.")
         if self.setup is not None:
             require_one_of("setup", self.setup, SETUPS, "--setup")
-        _ = self.sides, self.arm
+        _ = self.sides, self.arm, self.reading
+
+    @property
+    def reading(self) -> CovarianceReading | None:
+        """How the covariances of camera poses are read; None: as the file says."""
+        stated = self.covariance_convention
+        return CovarianceReading.parse(stated) if isinstance(stated, str) else stated
 
     @cached_property
     def sides(self) -> tuple[Two, Two, Two]:
@@ -223,7 +235,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
             sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note], chosen.sides[k].readings[0].format)
     sides = chosen.sides
     robot_poses, camera_poses = (finished(*side) for side in zip(sides, FRAMES, units, forms, frames, strict=True))
-    values = robot.joints_at(sides[0], request.tolerance)
+    values, every_camera = robot.joints_at(sides[0], request.tolerance), camera_poses
     if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
@@ -237,8 +249,44 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *robot.joint_source)
     findings = (*chosen.findings, *inverted)
-    poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=findings)
+    S, reading, note = camera_covariance(sides[1], units[1], forms[1], frames[1], every_camera, request.reading)
+    if note:
+        sources = _noted(sources, len(sources) - 1 - len(robot.joint_source), paths[1], [note])
+    poses = PosePairs(
+        robot_poses,
+        camera_poses,
+        setup,
+        robot_times,
+        sources=sources,
+        findings=findings,
+        camera_covariance=None if S is None else JointCovariance.of_each(S if match is None else S[match.camera]),
+        camera_read_as=reading,
+    )
     return robot.give_joints(poses, values)
+
+
+def camera_covariance(
+    side: Side, units: str | None, form: str | None, frame: str, poses: Array, asked: CovarianceReading | None
+) -> tuple[Array | None, CovarianceReading | None, str]:
+    """Return the covariances (n, 6, 6) that a file gives its camera poses, how they were read, and a note.
+
+    ``asked``: how they are read, in place of what the file says. Numbers that are no covariances are not used, but for
+    a reading that was asked for.
+    """
+    if side.covariance is None:
+        return None, None, ""
+    reading = CovarianceReading(side.convention) if asked is None else asked
+    try:
+        S = finished_covariance(side, "camera", units, form, frame, poses, reading)
+    except InputError as error:
+        if asked is not None:
+            raise
+        return None, None, f"covariances are not used: {str(error)[0].lower()}{str(error)[1:]}"
+    if S is None:
+        return None, None, "covariances are not known for every pose, and not used"
+    if FRAMES["camera"][1] in (frame, side.frame):
+        reading = replace(reading, inverse=not reading.inverse)
+    return S, reading, f"covariances of the poses, read as {reading.words}"
 
 
 class _Robot(NamedTuple):

@@ -274,13 +274,14 @@ def _of_noise(names: list[str], result: Calibration) -> Input:
     sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
     kind = names[0].partition(" ")[2]
     corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
-    points = getattr(result.data, "camera_covariance", None) is not None and names[0].startswith("camera")
+    data = result.data
+    of_file = getattr(data, "camera_read_as", None) is not None and names[0].startswith("camera")
+    points = getattr(data, "camera_covariance", None) is not None and names[0].startswith("camera") and not of_file
     if kind.startswith(SHARED_SOURCE):
         return Input("covariance", NORMAL, "camera calibration" if corners else "as given with the noise")
     shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
-    return Input(
-        _sizes(shown), NORMAL, "corners of the target" if corners else "points of the target" if points else "declared"
-    )
+    sources = (corners, "corners of the target"), (points, "points of the target"), (of_file, "file of the poses")
+    return Input(_sizes(shown), NORMAL, next((name for known, name in sources if known), "declared"))
 
 
 def noise_per_axis(S: Array | JointCovariance) -> Array:

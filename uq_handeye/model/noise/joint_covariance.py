@@ -77,6 +77,11 @@ class JointCovariance(ReadOnlyArrays):
         object.__setattr__(self, "names", names)
         super().__post_init__()
 
+    @classmethod
+    def of_each(cls, own: Array) -> JointCovariance:
+        """Return the covariance of poses that share no errors, own (n, 6, 6)."""
+        return cls(own, np.zeros((*own.shape[:-1], 0)))
+
     def checked(self, name: str) -> JointCovariance:
         """Return it as a side of `PoseNoise`: of one set of poses, finite, positive semidefinite."""
         if self.own.ndim != 3 or self.shared.ndim != 3:

@@ -12,6 +12,7 @@ import numpy as np
 from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import array_of
 from ...core.files.source import Source
+from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..noise.joint_covariance import JointCovariance
@@ -47,6 +48,7 @@ def data_to_dict(data: PosePairs | Motions) -> JsonObject:
         **({} if timing is None else {"timing": asdict(timing) | {"rate": timing.rate.tolist()}}),
         **({} if seen is None else {"camera_calibration": _camera_to_dict(seen)}),
         **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
+        **({} if poses.camera_read_as is None else {"camera_read_as": poses.camera_read_as.words}),
         **({} if poses.names == NAMES else {"names": poses.names._asdict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
@@ -80,6 +82,9 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
         None if seen is None else _camera_from_dict(seen, second),
         None if joints is None else array_of(joints, (n, len(joints[0])), "data.joints"),
         None if data.get("camera_covariance") is None else JointCovariance.from_dict(data["camera_covariance"]),
+        camera_read_as=(
+            None if data.get("camera_read_as") is None else CovarianceReading.parse(str(data["camera_read_as"]))
+        ),
         names=Names(**{name: str(value) for name, value in data.get("names", {}).items()}),
     )
     if data.get("pairs") is None:

@@ -14,7 +14,7 @@ Rows are selected by their numbers, counted from 0 in the order of the data.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...core.files.source import Source
 from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
+from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import read_only
@@ -101,6 +102,9 @@ class PosePairs:
         Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
     camera_covariance : JointCovariance or None
         Where the camera poses come from points in 3-D (`poses_from_points`): the joint covariance of their errors.
+    camera_read_as : CovarianceReading or None
+        Where ``camera_covariance`` was read with the poses from a file of another program: in which convention. It does
+        not contain errors of the intrinsics then.
     joints : (n, L) array or None
         Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
     findings : tuple of Finding
@@ -127,6 +131,7 @@ class PosePairs:
     camera_covariance: JointCovariance | None = None
     findings: tuple[Finding, ...] = ()
     names: Names = NAMES
+    camera_read_as: CovarianceReading | None = None
 
     def __post_init__(self) -> None:
         require_one_of("setup", self.setup, SETUPS)
@@ -193,8 +198,16 @@ class PosePairs:
         seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
         joints = None if self.joints is None else self.joints[index]
         S = None if self.camera_covariance is None else self.camera_covariance.rows(of["camera"])
-        return PosePairs(
-            robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S, self.findings, self.names
+        return replace(
+            self,
+            robot=robot,
+            camera=camera,
+            timestamps=times,
+            truth=truth,
+            timing=timing,
+            camera_calibration=seen,
+            joints=joints,
+            camera_covariance=S,
         )
 
     @property
@@ -206,6 +219,11 @@ class PosePairs:
     def camera_known(self) -> bool:
         """True if the camera poses come with their covariance."""
         return self.camera_calibration is not None or self.camera_covariance is not None
+
+    @property
+    def intrinsics_covered(self) -> bool:
+        """True if the camera poses come with their covariance from corners or points, with errors of the intrinsics."""
+        return self.camera_known and self.camera_read_as is None
 
     @property
     def effective_robot(self) -> Array:

@@ -260,7 +260,7 @@ def arguments(
     noise_of_all = _noise(request["noise"], poses, partial(_of_each_pose, result, numbers), noise)
     by_views = isinstance(noise_of_all, CameraNoise)
     if shared is None and (noise_of_all is None or by_views) and request["simulated"]:
-        known = by_views or poses.camera_known
+        known = by_views or poses.intrinsics_covered
         shared = replace_defaults(default_errors(known), known, others=False)
     if (pairs := options["pairs"]).endswith(" given"):
         raise InputError("The result was made of pairs that were listed: those of the new poses are not known.")
