@@ -10,7 +10,7 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.model.kinematics.arms.known_arms import known_arm
 from uq_handeye.model.kinematics.chain import Kinematics
-from uq_handeye.model.kinematics.joint_readings import is_coupled, uncoupled
+from uq_handeye.model.kinematics.joint_readings import is_fanuc, may_be_coupled, uncoupled
 from uq_handeye.read import read_poses, write_pose_file
 
 CRX, UR = Kinematics.from_name("crx10ia"), Kinematics.from_name("ur5e")
@@ -80,9 +80,10 @@ def codes(poses):
 
 
 def test_fanuc_arms_are_found_by_their_names_and_their_axes():
-    for name in ("fanuc_m10ia", "crx10ia_l", "lrmate200id", "r2000ic165f", "FANUC LR Mate"):
-        assert is_coupled(replace(CRX, name=name))
-    assert not any(map(is_coupled, (UR, replace(CRX, name="arm"), replace(UR, name="fanuc"))))
+    for name in ("fanuc_m10ia", "crx10ia_l", "lrmate200id", "r2000ic165f", "FANUC LR Mate", "cell_m20id25"):
+        assert is_fanuc(replace(CRX, name=name))
+    assert not any(map(is_fanuc, (UR, replace(CRX, name="arm"), replace(UR, name="fanuc"))))
+    assert may_be_coupled(replace(CRX, name="arm")) and not may_be_coupled(UR)
     q = np.radians([[0.0, 30.0, -30.0, 0.0, 0.0, 0.0]])  # J2 ahead by 30 deg, J3 back by as much: the forearm is level
     np.testing.assert_allclose(uncoupled(pendant(q)), q)
     forearm = CRX.frames(uncoupled(np.radians([[0.0, 30.0, 0.0, 0.0, 0.0, 0.0]])))[0, 3, :3, 2]
@@ -110,12 +111,15 @@ def test_joint_3_of_a_fanuc_arm_of_a_urdf(rig):
     np.testing.assert_allclose(poses.joints, q, atol=1e-7)
 
 
-@pytest.mark.slow
-def test_joint_3_of_an_arm_that_is_not_known_to_be_fanucs(rig):
-    arm = replace(CRX, name="other")
+def test_joint_3_of_an_arm_that_is_not_known_to_be_fanucs_is_named(rig):
+    arm = replace(CRX, name="cell")
     MIDDLE[arm] = MIDDLE[CRX]
     q, poses = rig(arm, pendant)
     np.testing.assert_allclose(poses.joints, pendant(q), atol=1e-7)
+    assert poses.findings[0].values["meant"] == "coupled" and "--joint-units deg,pendant" in str(poses.findings[0])
+    q, poses = rig(arm, pendant, joint_units="rad,pendant")
+    np.testing.assert_allclose(poses.joints, q, atol=1e-7)
+    assert poses.findings == ()
 
 
 def test_joint_3_that_is_said_to_be_the_pendants(rig):

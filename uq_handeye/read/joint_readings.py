@@ -28,7 +28,7 @@ from ..model.kinematics.joint_readings import (
     PERCENT,
     JointReading,
     JointSeries,
-    is_coupled,
+    is_fanuc,
     likely_readings,
     other_arms,
     single_readings,
@@ -77,7 +77,7 @@ def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_co
 
     found: list[Finding] = []
     now = misfit(poses.joints[rows])
-    if is_coupled(chain) and not arm.pendant:
+    if is_fanuc(chain) and not arm.pendant:
         other = misfit(uncoupled(poses.joints[rows]))
         if coupled := _decides(other, now):
             poses = _with(poses, chain, uncoupled(poses.joints), by_controller)
@@ -88,7 +88,7 @@ def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_co
             found.append(Finding("kinematics.joint_3", "note", values))
     if not by_controller and not now.fits:
         longer = None if series is None or arm.series is None else JointSeries(arm.series.names, series[rows])
-        if (meant := _meant(chain, few, longer, now)) is not None:
+        if (meant := _meant(chain, few, longer, arm.pendant, now)) is not None:
             values = {"name": PurePath(arm.name).name, "meant": meant[0], "joints": list(meant[1])}
             values |= {"rotation": now.rotation, "translation": now.translation}
             found.append(Finding("kinematics.another_reading", "failure", values))
@@ -125,14 +125,16 @@ def _against_camera(robot: Array, poses: PosePairs) -> _Misfit:
 
 
 def _meant(
-    kinematics: Kinematics, few: PosePairs, series: JointSeries | None, now: _Misfit
+    kinematics: Kinematics, few: PosePairs, series: JointSeries | None, pendant: bool, now: _Misfit
 ) -> tuple[str, tuple[str, ...]] | None:
     """Return the name of the reading by which robot and camera agree, and what it is about; None if there is none."""
     q = few.joints
     assert q is not None
 
     def first(readings: Iterator[JointReading]) -> tuple[str, tuple[str, ...]] | None:
-        for reading in _by_angles((one for one in readings if one.name != COUPLED), kinematics, few):
+        decided = is_fanuc(kinematics) or pendant
+        open_ones = (one for one in readings if one.name != COUPLED or not decided)
+        for reading in _by_angles(open_ones, kinematics, few):
             other = _against_camera(kinematics.poses(reading.q), few)
             roughly = reading.name == PERCENT and other.rotation * PERCENT_RATIO < now.rotation
             if roughly or _decides(other, now):

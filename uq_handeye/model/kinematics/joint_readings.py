@@ -30,7 +30,7 @@ COUPLED, PERCENT = "coupled", "percent"
 # All orders of the joints are tried of arms up to this number of joints, the likely ones of others.
 MAX_PERMUTED_JOINTS = 6
 # Names of FANUC arms in robot descriptions, such as fanuc_m10ia, crx10ia_l, lrmate200id, r2000ic165f.
-_FANUC = re.compile(r"fanuc|\bcrx[\s_-]?\d+ia|lr[\s_-]?mate|\b[mr][\s_-]?\d+i[a-d]", re.IGNORECASE)
+_FANUC = re.compile(r"fanuc|lr[\s_-]?mate|(?<![a-z0-9])(?:crx|m|r)[\s_-]?\d+i[a-d]", re.IGNORECASE)
 
 
 class JointReading(NamedTuple):
@@ -48,12 +48,17 @@ class JointSeries(NamedTuple):
     values: Array  # (n, K) rad
 
 
-def is_coupled(kinematics: Kinematics) -> bool:
-    """Return whether FANUC's pendant shows joint 3 of this arm from the horizontal."""
-    if kinematics.n_joints != 6 or not kinematics.revolute.all() or _FANUC.search(kinematics.name) is None:
+def may_be_coupled(kinematics: Kinematics) -> bool:
+    """Return whether joint 3 may count from the horizontal: six axes, of which the second and third are opposite."""
+    if kinematics.n_joints != 6 or not kinematics.revolute.all():
         return False
     second, third = kinematics.frames(np.zeros(6))[1:3, :3, 2]
     return bool(second @ third < -0.99)
+
+
+def is_fanuc(kinematics: Kinematics) -> bool:
+    """Return whether FANUC's pendant shows joint 3 of this arm from the horizontal, by its name and its axes."""
+    return _FANUC.search(kinematics.name) is not None and may_be_coupled(kinematics)
 
 
 def uncoupled(q: Array) -> Array:
@@ -66,7 +71,7 @@ def uncoupled(q: Array) -> Array:
 def likely_readings(kinematics: Kinematics, q: Array, series: JointSeries | None = None) -> Iterator[JointReading]:
     """Yield readings of all joints together."""
     names, turns = kinematics.names, kinematics.revolute
-    if is_coupled(kinematics):
+    if may_be_coupled(kinematics):
         yield JointReading(COUPLED, (names[2], names[1]), uncoupled(q))
     yield JointReading("degrees", (), np.where(turns, np.radians(q), q))
     yield JointReading("radians", (), np.where(turns, np.degrees(q), q))

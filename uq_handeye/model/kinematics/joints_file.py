@@ -41,7 +41,7 @@ from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
 from .joint_columns import Joints, joint_columns
-from .joint_readings import JointSeries, is_coupled, uncoupled
+from .joint_readings import JointSeries, is_fanuc, may_be_coupled, uncoupled
 from .joint_trees import joint_rows
 from .lerobot import MAX_SHARE, STATE, MotorRange, angles_of_shares, read_frames, read_motor_ranges
 
@@ -84,7 +84,7 @@ class _Wanted:
     joints: Joints
     limits: Array | None
     units: dict[str, str]  # by kind
-    coupled: bool = False  # FANUC's pendant would show joint 3 from the horizontal
+    fanuc: bool = False  # the pendant would show joint 3 from the horizontal
     pendant: bool = False  # it is said to be so
     motors: dict[str, MotorRange] = field(default_factory=dict)  # ranges of which the values are shares
     notes: list[str] = field(default_factory=list)
@@ -219,16 +219,16 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
     else:
         joints, limits = Joints("", tuple(arm), (REVOLUTE,) * len(arm)), None
     said: dict[str, str] = {}
-    coupled, pendant = isinstance(arm, Kinematics) and is_coupled(arm), False
+    chain, pendant = arm if isinstance(arm, Kinematics) else None, False
     motors: dict[str, MotorRange] = {}
     if units is not None:
         for word in units.split(",") if isinstance(units, str) else [repr(units)]:
             if word.strip() == PENDANT and not pendant:
                 pendant = True
-                if not coupled:
+                if chain is None or not may_be_coupled(chain):
                     raise InputError(
                         f"`units` (--joint-units) {PENDANT}: for the six axes of a FANUC arm, whose J3 counts from the "
-                        "horizontal. Leave it out."
+                        f"horizontal. The axes of {joints.arm or 'these joints'} are others. Leave it out."
                     )
                 continue
             if word.strip().endswith(".json"):
@@ -247,7 +247,7 @@ def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
             f"`units` (--joint-units) {units}: a calibration of LeRobot is for shares from -100 to 100 of the range of "
             "each motor, without another unit. Give one of them."
         )
-    return _Wanted(joints, limits, said, coupled, pendant, motors)
+    return _Wanted(joints, limits, said, chain is not None and is_fanuc(chain), pendant, motors)
 
 
 def _kind_of_unit(unit: str) -> str | None:
@@ -311,7 +311,7 @@ def _in_units(values: Array, columns: _Columns, wanted: _Wanted, at: Callable[[i
                 f"{problem}; degrees of LeRobot, or its shares from -100 to 100? Give --joint-units deg, or the "
                 "calibration file of the arm (--joint-units my_arm.json)."
             ) from error
-        if not wanted.coupled or wanted.pendant or not _is_within(uncoupled(q), *of_arm):
+        if not wanted.fanuc or wanted.pendant or not _is_within(uncoupled(q), *of_arm):
             raise
         problem, said = str(error).rpartition(";")[0], ",".join([*wanted.units.values(), PENDANT])
         raise InputError(f"{problem}; is it J3 of FANUC's pendant? Give --joint-units {said}.") from error
