@@ -13,6 +13,7 @@ from ...core.numbers.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...formats.contents import Side
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import rotation_angles
 from ...model.poses.stream import Stream
 from ..pairing_by_time import SYNCHRONOUS_S, Match, match_times
 from ..synchronisation.result import Synchronised
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 MIN_INTERVAL_S = 0.3
 # Stamps of one pose differ by at most this share of the interval between poses.
 MAX_STAMP_SHARE = 0.1
+# A rotation (rad) between neighbouring poses across which nothing is interpolated.
+JUMP_RAD = 0.15
 # An offset that is known to a smaller share of the interval between poses is one of motion, not of single poses.
 MAX_OFFSET_SHARE = 0.1
 
@@ -58,23 +61,24 @@ class Sensors:
         """Return the pairs of poses that were recorded one by one, by their stamps; None where the robot was tracked.
 
         Poses of a recording are taken one by one if both sides have few of them with the same stamps: seconds apart and
-        at most a tenth of that from each other, or equal and `MIN_INTERVAL_S` apart or more. Between them nothing is
-        interpolated, so an offset of the clocks has no meaning.
+        at most a tenth of that from each other; or `MIN_INTERVAL_S` apart or more, if their motion does not tell an
+        offset, and the stamps are equal or the robot is elsewhere each time. Between them nothing is interpolated, so
+        an offset of the clocks has no meaning.
         """
         r, c = (np.sort(side.timestamps) for side in (self.robot, self.camera))
         if len(self.recorded) < 2 or self.still or min(len(r), len(c)) < MIN_POSES:
             return None
         interval = float(min(np.median(np.diff(times)) for times in (r, c)))
-        tolerance = MAX_STAMP_SHARE * interval if interval > MAX_INTERVAL_S else SYNCHRONOUS_S
+        elsewhere = interval > MAX_INTERVAL_S or _jumps(self.robot)
+        tolerance = MAX_STAMP_SHARE * interval if elsewhere else SYNCHRONOUS_S
         if interval < MIN_INTERVAL_S:
             return None
         try:
             match = match_times(_side("robot", self.robot), _side("camera", self.camera), tolerance)
         except InputError:
             return None
-        if 2 * len(match.robot) < min(len(r), len(c)) or (
-            tolerance == SYNCHRONOUS_S and self._tracked(setup, interval)
-        ):
+        few = 2 * len(match.robot) < min(len(r), len(c))
+        if few or (interval <= MAX_INTERVAL_S and self._tracked(setup, interval)):
             return None
         late = float(np.abs(self.robot.timestamps[match.robot] - self.camera.timestamps[match.camera]).max())
         for note in match.notes:
@@ -163,6 +167,12 @@ class Sensors:
                 )
             return found
         raise failures[0]
+
+
+def _jumps(stream: Stream) -> bool:
+    """Return whether most poses of a stream are so far from the one before that nothing can be interpolated."""
+    R = stream.poses[np.argsort(stream.timestamps, kind="stable"), :3, :3]
+    return bool(np.median(rotation_angles(R[:-1].mT @ R[1:])) > JUMP_RAD)
 
 
 def _side(role: str, stream: Stream) -> Side:

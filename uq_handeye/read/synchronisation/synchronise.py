@@ -497,7 +497,9 @@ def _against_streams(
     alone, alone_std = estimate.refined.wanted[0] + shift, estimate.refined.wanted[1]
     if prior is not None and not exact and (alone - prior[0]) ** 2 > beyond_chance * (alone_std**2 + prior[1] ** 2):
         caution("prior_contradicted", prior=prior[0], prior_std=prior[1], offset=alone, std=alone_std)
-    if exact and (wanted - offset) ** 2 > beyond_chance * std**2:
+    # Where the motion does not tell the offset, a fit from the one that was given only finds a neighbour of it.
+    told = exact and estimate.correlation.found
+    if told and (wanted - offset) ** 2 > beyond_chance * std**2:
         caution("offset_contradicted", given=offset, offset=wanted, std=std)
     return found
 
