@@ -67,6 +67,7 @@ def test_every_guide_is_run():
         "few_poses",
         "gallery",
         "good_and_bad",
+        "gpu",
         "live",
         "plan",
         "real_cell",
