@@ -14,7 +14,7 @@ from fixtures.pages import DOCS
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.kinematics.chain import Joint, Kinematics
-from uq_handeye.model.kinematics.joints_file import read_joints
+from uq_handeye.model.kinematics.joints_file import NamedJoints, read_joints
 
 # A revolute joint, an elbow that does not reach 0, and a slide.
 ARM = Kinematics(
@@ -119,6 +119,10 @@ def test_names_of_drivers(read):
         found = read(table(names, SIX[:, [2, 1, 0, 3, 4, 5]].T), arm)
         np.testing.assert_array_equal(found.q, SIX)
         assert "columns by the names of the joints of Universal Robots" in found.notes
+    of_topic = NamedJoints(
+        "/joint_states in cell.mcap", tuple(header.split(",")), TIMES[:2], SIX[:, [2, 1, 0, 3, 4, 5]]
+    )
+    np.testing.assert_array_equal(read_joints(of_topic, arm).q, SIX)
     found = read(table("S,L,U,R,B,T", 10 * SIX.T), Kinematics.from_name("gp7"), "deg")
     np.testing.assert_allclose(found.q, np.radians(10 * SIX))
     found = read(

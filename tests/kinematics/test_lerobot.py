@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
+from uq_handeye.calibration.arm import joints_by_poses
 from uq_handeye.errors import InputError
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.joints_file import read_joints
@@ -117,8 +118,17 @@ def test_shares_taken_for_degrees_are_named(written, tmp_path):
     poses = read_poses(None, camera(tmp_path), joints=path, kinematics=ARM, joint_units="deg")
     (finding,) = poses.findings
     assert finding.values["meant"] == "percent" and "--joint-units my_arm.json" in str(finding)
+    assert finding.phrase == "the joints seem to be from -100 to 100 of their ranges"
+    assert finding.remedy.startswith("give the calibration file of the arm (--joint-units my_arm.json)")
     poses = read_poses(None, camera(tmp_path), joints=path, kinematics=ARM, joint_units=calibration)
     assert poses.findings == ()
+
+
+def test_five_axes_do_not_follow_from_poses():
+    G = np.tile(np.eye(4), (len(POSES), 1, 1))
+    G[:, :3] = POSES
+    with pytest.raises(InputError, match=r"has 5 axes, .* Give its joints"):
+        joints_by_poses(ARM, uq.PosePairs(G, G, "eye-in-hand"))
 
 
 def test_the_calibration_of_a_rig_is_in_the_folder_of_its_file(written, tmp_path):

@@ -30,6 +30,8 @@ from .request import Request, of_motions
 
 # Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
 MIN_REACHED_SHARE = 0.6
+# Axes that reach any pose nearby.
+N_AXES_OF_A_POSE = 6
 # Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
 MIN_BRANCH_DIFFERENCE = 0.1
 
@@ -121,6 +123,11 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
             found.q[left], found.reached[left] = again.q, again.reached
     if not found.reached.all():
         off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
+        if (axes := kinematics.n_joints) < N_AXES_OF_A_POSE:
+            raise InputError(
+                f"The arm {kinematics.name} has {axes} axes, which reach rounded or measured poses only nearly "
+                f"({int((~found.reached).sum())} of {poses.n} are missed). Give its joints (--joints)."
+            )
         raise InputError(
             f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
             f"up to {digits(1e3 * off.max(), 3)} mm away. Give the chain up to the frame whose poses these are "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
@@ -34,6 +35,28 @@ READINGS = {
 }
 
 
+# What the joint values seem to be, in a few words.
+_MEANT = {
+    "coupled": "as FANUC's pendant shows them",
+    "degrees": "in degrees",
+    "radians": "in radians",
+    "columns": "in the columns {first} to {last}",
+    "percent": "from -100 to 100 of their ranges",
+    "arm": "those of the arm {first}",
+    "sign": "with another sign of {named}",
+    "column in degrees": "with {named} in degrees",
+    "column in radians": "with {named} in radians",
+    "order": "in another order",
+    "zero": "with another zero of {named}",
+}
+
+
+def _phrase(v: Mapping[str, Any]) -> str:
+    joints = v["joints"] or [""]
+    text = _MEANT.get(v["meant"], v["meant"])
+    return f"the joints seem to be {text.format(first=joints[0], last=joints[-1], named=', '.join(joints))}"
+
+
 def _reading(name: str | None, joints: Sequence[str]) -> str | None:
     """Return what another reading would explain and what confirms it; None for a reading that is not known."""
     return READINGS[name].format(joints=joints, named=", ".join(joints)) if name in READINGS else None
@@ -44,7 +67,7 @@ def _reading(name: str | None, joints: Sequence[str]) -> str | None:
     rank=3,
     explains=True,
     check=INPUT,
-    phrase="the joint values are meant otherwise: {meant}",
+    phrase=_phrase,
     remedy=lambda v: (_reading(v["meant"], v["joints"]) or "").partition(": ")[2].rstrip("."),
 )
 def _(name: str, meant: str, joints: Sequence[str], rotation: float, translation: float) -> str:
