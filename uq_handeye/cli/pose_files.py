@@ -332,6 +332,8 @@ class PoseFiles(StreamFiles):
         fewest: int = MIN_POSES,
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
+        from ..read.camera_covariance import read_again
+
         how = None if self.pair is None else one_of(self.pair, "--pair", PAIRINGS)
         how, shown = (how, self._shown(arm)) if sensors is None else ("async", sensors.name)
         seen = self.camera if sensors is None else None
@@ -352,6 +354,7 @@ class PoseFiles(StreamFiles):
             if how == "async":
                 noise = None if given is None else without_poses(given.noise, "--pair async")
                 poses, noise = self._synchronised_poses(noise, sensors or self.sensors(arm))
+                poses = read_again(poses, None if given is None else given.reading)
             else:
                 poses = self._read(how, pictures, arm, None if given is None else given.reading)
                 noise = None if given is None else given.noise_at(poses)

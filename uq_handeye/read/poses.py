@@ -20,13 +20,14 @@ from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
-from ..formats.contents import FRAMES, Contents, Side, finished, finished_covariance
+from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..formats.rotations import QUATERNIONS, rotation_form
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
+from .camera_covariance import camera_covariance
 from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
 from .pairing_by_rows import check_rows, warn_if_swapped
@@ -265,30 +266,6 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
     return robot.give_joints(poses, values)
 
 
-def camera_covariance(
-    side: Side, units: str | None, form: str | None, frame: str, poses: Array, asked: CovarianceReading | None
-) -> tuple[Array | None, CovarianceReading | None, str]:
-    """Return the covariances (n, 6, 6) that a file gives its camera poses, how they were read, and a note.
-
-    ``asked``: how they are read, in place of what the file says. Numbers that are no covariances are not used, but for
-    a reading that was asked for.
-    """
-    if side.covariance is None:
-        return None, None, ""
-    reading = CovarianceReading(side.convention) if asked is None else asked
-    try:
-        S = finished_covariance(side, "camera", units, form, frame, poses, reading)
-    except InputError as error:
-        if asked is not None:
-            raise
-        return None, None, f"covariances are not used: {str(error)[0].lower()}{str(error)[1:]}"
-    if S is None:
-        return None, None, "covariances are not known for every pose, and not used"
-    if FRAMES["camera"][1] in (frame, side.frame):
-        reading = replace(reading, inverse=not reading.inverse)
-    return S, reading, f"covariances of the poses, read as {reading.words}"
-
-
 class _Robot(NamedTuple):
     """Robot poses of a file, or of joint values by forward kinematics."""
 
@@ -429,7 +406,12 @@ def read_stream(
         note = f"it says {contents.setup}, which a stream does not carry: give it to synchronise() as setup (--setup)"
         (source,) = _noted((source,), 0, location, [note])
     if arm is None:
-        return Stream(found.timestamps, poses, source)
+        S, reading, note = None, None, ""
+        if side == "camera":
+            S, reading, note = camera_covariance(found, units, form, frame or FRAMES[side][0], poses)
+        if note:
+            (source,) = _noted((source,), 0, location, [note])
+        return Stream(found.timestamps, poses, source, covariance=S, read_as=reading)
     values = arm.values if path is None else arm.at_times(found)
     rows = np.flatnonzero(np.isfinite(values).all(axis=1))
     if len(rows) < len(found):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.source import Source
+from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .pose_pairs import as_joint_values, checked_times, frozen_poses
@@ -27,6 +28,10 @@ class Stream:
         The file they came from.
     joints : (n, L) array or None
         Joint values of a robot at each pose (rad, or m for prismatic joints).
+    covariance : (n, 6, 6) array or None
+        Of the errors of camera poses that come with it.
+    read_as : CovarianceReading or None
+        In which convention these were read.
 
     Raises
     ------
@@ -39,6 +44,8 @@ class Stream:
     poses: Array
     source: Source | None = None
     joints: Array | None = None
+    covariance: Array | None = None
+    read_as: CovarianceReading | None = None
 
     def __post_init__(self) -> None:
         poses = frozen_poses(self.poses, "poses")

@@ -171,7 +171,7 @@ class _Reader:
             tracks = self.found.poses.setdefault(message.topic, {})
             pair = (record.parent, record.child)
             track = tracks.setdefault(pair, Track(f"{message.topic} ({pair_text(*pair)})"))
-            track.add(self._at(message, record.time), record.numbers)
+            track.add_pose(self._at(message, record.time), record)
 
     def _tags(self, message: Message) -> None:
         time, frame = when_and_where(message.value)

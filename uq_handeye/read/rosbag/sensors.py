@@ -15,6 +15,7 @@ from ...formats.contents import Side
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
 from ...model.poses.stream import Stream
+from ..camera_covariance import with_covariance
 from ..pairing_by_time import SYNCHRONOUS_S, Match, match_times
 from ..synchronisation.result import Synchronised
 from ..synchronisation.stream_checks import MAX_INTERVAL_S
@@ -105,7 +106,7 @@ class Sensors:
         joints = None if robot.joints is None else robot.joints[match.robot]
         sources = tuple(side.source for side in (robot, camera) if side.source is not None)
         poses = robot.poses[match.robot], camera.poses[match.camera]
-        return PosePairs(*poses, setup, times, sources=sources, joints=joints)
+        return with_covariance(PosePairs(*poses, setup, times, sources=sources, joints=joints), camera)
 
     def _decided(self, pairs: PosePairs, match: Match, setup: str) -> PosePairs:
         """Return the pairs with the solution of each pose of a tag that agrees with the robot."""

@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from ...core.files.open import StrPath
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import inverse
+from ...core.geometry.uncertain_poses import covariance_of_inverse
 from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text
 from ...model.camera.adjustment.two_minima import Minima
 from ...model.poses.stream import Stream
+from ..camera_covariance import camera_covariance
 from .bag import HINT
 from .camera_info import CameraInfo
 from .lens import RAW, RECTIFIED, Lens, lens_of
@@ -160,8 +162,18 @@ def _stream(recording: Recording, found: TimedPoses, role: str, frame: str | Non
     usual, inverted = FRAMES[role]
     if frame not in (None, usual, inverted):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
-    poses = inverse(found.poses) if frame == inverted else found.poses
-    return Stream(found.times, poses, recording.source(found.notes))
+    found = _inverted(found, found.notes) if frame == inverted else found
+    return Stream(
+        found.times, found.poses, recording.source(found.notes), covariance=found.covariance, read_as=found.read_as
+    )
+
+
+def _inverted(found: TimedPoses, notes: list[str]) -> TimedPoses:
+    """Return the inverse poses, with their covariances."""
+    S, reading = found.covariance, found.read_as
+    if S is not None and reading is not None:
+        S, reading = covariance_of_inverse(found.poses, S), replace(reading, inverse=not reading.inverse)
+    return replace(found, poses=inverse(found.poses), notes=notes, covariance=S, read_as=reading)
 
 
 # ------------------------------------------------------------------------------------------- what is asked for
@@ -217,10 +229,10 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> TimedP
     for name, tracks in recording.poses.items():
         for own, track in tracks.items() if not connected else ():
             if own[0] == pair[0] and own[1] and (own[1] == pair[1] or same_tag(own[1], pair[1])):
-                return _of_track(name, own, track)
+                return _of_track(name, own, track, role)
             if all(pair) and own == pair[::-1]:
-                turned = _of_track(name, own, track)
-                return TimedPoses(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
+                turned = _of_track(name, own, track, role)
+                return _inverted(turned, [*turned.notes, "inverted"])
     tags = tag_specs(recording)
     if not tree.edges and not (role == "camera" and tags):
         raise InputError(
@@ -256,15 +268,18 @@ def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> TimedPo
         named = [f"{name}:{child}" for child in children] if len(children) > 1 else [pair_text(*own) for own in tracks]
         raise InputError(f"--{role} {name}: the topic has poses of several frames. Choose one: {listed(named)}.")
     (own, track), *_ = tracks.items()
-    return _of_track(name, own, track)
+    return _of_track(name, own, track, role)
 
 
-def _of_track(name: str, pair: Pair, track: Track) -> TimedPoses:
+def _of_track(name: str, pair: Pair, track: Track, role: str) -> TimedPoses:
     times, poses = track.poses()
     notes = [f"{len(times)} poses of {name} ({pair_text(*pair)})"]
     if track.repeated:
         notes.append(f"{track.repeated} poses that repeat a time are left out")
-    return TimedPoses(times, poses, notes)
+    if role == "robot":
+        return TimedPoses(times, poses, notes)
+    S, reading, note = camera_covariance(track.side, "m", None, FRAMES["camera"][0], poses)
+    return TimedPoses(times, poses, notes + [note] * bool(note), covariance=S, read_as=reading)
 
 
 def _detected(recording: Recording, name: str, pair: Pair) -> tuple[str, tuple[Pair, TagTrack]] | None:

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_LISTED, MAX_ROWS
 from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
+from ...formats.ros_messages import Stamped
 from ...model.camera.adjustment.two_minima import Minima
 
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
@@ -55,6 +57,21 @@ class Track(Samples):
     def __init__(self, name: str) -> None:
         super().__init__(name, 7)
         self.static = False  # of /tf_static
+        self._covariances = array("d")
+
+    def add_pose(self, time: float, record: Stamped) -> None:
+        """Append a pose, with its covariance where it has one."""
+        self.add(time, record.numbers)
+        if record.covariance is not None:
+            self._covariances.extend(record.covariance)
+
+    @property
+    def covariances(self) -> Array | None:
+        """(n, 6, 6) of `values`, in the convention of ROS; None where not every pose has one."""
+        if not len(self) or len(self._covariances) != 36 * len(self):
+            return None
+        S = np.array(self._covariances).reshape(-1, 6, 6)
+        return np.asarray(S[np.unique(self.rows[:, 0], return_index=True)[1]])
 
     @property
     def repeated(self) -> int:
@@ -69,9 +86,18 @@ class Track(Samples):
 
     def poses(self) -> tuple[NDArray[np.float64], Array]:
         """Return times (n,) and poses (n, 4, 4) ``parent_T_child``; raises `InputError` for rows that are no poses."""
+        side = self.side
+        assert side.timestamps is not None
+        return side.timestamps.copy(), finished(side, "robot", "m", None, FRAMES["robot"][0])
+
+    @property
+    def side(self) -> Side:
+        """The poses as those of a file."""
         table = self.values
-        side = Side(self.name, table[:, 1:4], table[:, 4:], table[:, 0], None, "pose", "xyzw", FIELDS)
-        return table[:, 0].copy(), finished(side, "robot", "m", None, FRAMES["robot"][0])
+        return Side(
+            self.name, table[:, 1:4], table[:, 4:], table[:, 0], None, "pose", "xyzw", FIELDS,
+            covariance=self.covariances, convention="ros",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +108,8 @@ class TimedPoses:
     poses: Array  # (n, 4, 4)
     notes: list[str]
     minima: Minima | None = None  # both solutions of the poses of a tag; ``poses`` are the better ones
+    covariance: Array | None = None  # (n, 6, 6) of the poses as they are here
+    read_as: CovarianceReading | None = None  # how it was read
 
 
 def listed(names: list[str], nothing: str = "none") -> str:

@@ -52,6 +52,7 @@ from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
 from ...model.poses.stream import Stream
 from ...model.poses.timing import MAX_GAP_INTERVALS, SIDES, Timing
+from ..camera_covariance import with_covariance
 from .correlation import Correlation, best_correlation
 from .interpolation import Interpolated, check_kind, error_of_interpolation, misses
 from .pairing import Pairing, noise_of_rows, thinned
@@ -403,7 +404,7 @@ def _assembled(
         pair = pairing.poses(fine, rows)
         times = pairing.camera_times[rows] if pairing.side == "robot" else pairing.robot_times[rows] - at
         timing = Timing(offset, std, rates, pairing.side)
-        poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
+        poses = with_covariance(PosePairs(*pair, setup, times + origins[1], None, sources, timing), camera)
         if robot.joints is not None:
             poses = replace(poses, joints=joint_values_at(pairing.robot_times, robot.joints, times + at))
     refined = None if estimate is None else estimate.refined
