@@ -406,3 +406,51 @@ def test_hostile_contents_are_refused_in_one_line(tmp_path, content, name):
 def declared_only(path):
     write_pose_file(path.parent / "camera.csv", POSES.camera)
     return read_poses(path, path.parent / "camera.csv")
+
+
+@pytest.mark.parametrize("key", ["poses", "samples", "data"])
+def test_both_sides_in_lists_of_yaml(tmp_path, key):
+    """Numbers in brackets are no table where the file is a tree."""
+    sides = (numbers(T, "rotvec").tolist() for T in (POSES.robot, POSES.camera))
+    text = f"{key}:\n" + "".join(f"- robot: {a}\n  target: {b}\n" for a, b in zip(*sides, strict=True))
+    (tmp_path / "session.yaml").write_text(text)
+    assert_right(read_poses(tmp_path / "session.yaml"))
+
+
+@pytest.mark.parametrize("names", [("T1_", "T2_"), ("robot_", "camera_"), ("base_T_ee_", "cam_T_board_")])
+@pytest.mark.parametrize("suffix", ["json", "yaml"])
+def test_numbered_matrices_of_both_sides(tmp_path, names, suffix):
+    sides = zip(names, (POSES.robot, POSES.camera), strict=True)
+    tree = {f"{name}{k}": T[k].tolist() for name, T in sides for k in range(N)}
+    text = json.dumps(tree) if suffix == "json" else "".join(f"{key}: {value}\n" for key, value in tree.items())
+    (tmp_path / f"session.{suffix}").write_text(text)
+    assert_right(read_poses(tmp_path / f"session.{suffix}"))
+
+
+def of_robot_in_yaml():
+    """Lists of poses in YAML, in brackets and below each other."""
+    T, q = POSES.robot, numbers(POSES.robot, "xyzw").tolist()
+    R, t, column = T[:, :3, :3].tolist(), T[:, :3, 3].tolist(), T[:, :3, 3:].tolist()
+    for key in ("poses", "robot_poses", "transforms"):
+        yield f"{key}:\n" + "".join(f"- rotation: {a}\n  translation: {b}\n" for a, b in zip(R, t, strict=True))
+    yield "poses:\n" + "".join(f"- rotation: {a}\n  translation: {b}\n" for a, b in zip(R, column, strict=True))
+    names = ("position", "xyz"), ("orientation", "xyzw")
+    yield "poses:\n" + "".join(
+        "- " + "  ".join(
+            f"{part}:\n" + "".join(f"    {axis}: {row[3 * of + k]!r}\n" for k, axis in enumerate(axes))
+            for of, (part, axes) in enumerate(names)
+        ) for row in q
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("text", list(of_robot_in_yaml()))
+def test_lists_of_poses_in_yaml(tmp_path, text):
+    assert_right(declared(tmp_path, text))
+
+
+def test_matrices_beside_joints_in_arrays(tmp_path):
+    np.savez(tmp_path / "robot.npz", ee=POSES.robot.reshape(N, 16), q=np.zeros((N, 6)), home=np.eye(4))
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    poses = read_poses(tmp_path / "robot.npz", tmp_path / "camera.csv")
+    assert_right(poses)
+    assert "poses from 'ee'" in notes(poses)

@@ -6,6 +6,7 @@ import difflib
 import logging
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from io import BufferedReader, BytesIO
 from pathlib import Path
@@ -167,7 +168,15 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         return format or kind, contents if format not in CONTROLLERS else in_convention(contents, CONTROLLERS[format])
     if kind in TEXTS:
         text = _text(data)
+        if kind == "table" and format is None and is_tree(text[:HEAD_BYTES]):
+            with suppress(InputError):  # numbers in brackets, which a table may have as well
+                return _of_tree(data, None, name)
         return kind, believed(TEXTS[kind].read(text, name), of_comments(text[:HEAD_BYTES]), name)
+    return _of_tree(data, format, name)
+
+
+def _of_tree(data: bytes, format: str | None, name: str) -> tuple[str, Contents]:
+    """Return format and poses of YAML, JSON or XML."""
     tree = parse_tree(data, name, several=True)
     tree = joined_parts(without_compas(tree) if b"compas" in data else tree)
     said = of_tree(tree)

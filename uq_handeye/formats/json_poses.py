@@ -56,7 +56,7 @@ def read_json(tree: Tree, name: str) -> Contents:
     if str(fields_of(tree).get("format", "")).startswith("uq-handeye calibration"):
         raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
     fields = fields_of(tree)
-    if ONE_SIDE in fields and not any(map(pose_name, fields)):
+    if ONE_SIDE in fields and not any(map(pose_name, fields)) and not samples_of(tree):
         return Contents(only=_side(fields[ONE_SIDE], name, f", {ONE_SIDE}", None, fields.get("timestamps")))
     if samples_of(tree):
         tree = _turned(tree, name)
@@ -129,7 +129,9 @@ def _rigid(value: Tree, where: str) -> Array:
         )
     T = np.eye(4)
     T[:3, :3] = [vector(row, 3, f"{where}, rotation[{k}]") for k, row in enumerate(items_of(rows))]
-    T[:3, 3] = vector(item(value, "translation", where), 3, f"{where}, translation")
+    t = item(value, "translation", where)
+    column = [items_of(one)[0] if len(items_of(one)) == 1 else one for one in items_of(t)]  # 3 x 1
+    T[:3, 3] = vector(column or t, 3, f"{where}, translation")
     return T
 
 

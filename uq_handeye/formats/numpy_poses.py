@@ -130,6 +130,8 @@ def _of_arrays(
     stacks = [either] if either else [one for one in arrays.items() if one[0] not in TIMES and is_poses(one[1].shape)]
     if len(stacks) > 1:  # beside a single pose, such as one at which the robot waits
         stacks = [(key, values) for key, values in stacks if not is_one_pose(values.shape)] or stacks
+        matrices = [(key, values) for key, values in stacks if values.size >= 12 * len(values)]
+        stacks = matrices if len(matrices) == 1 else stacks  # beside joint values
     if len(stacks) != 1:
         return None
     ((key, values),) = stacks

@@ -21,7 +21,7 @@ from .ros_messages import MessageError, Stamped, frame_name, poses_in
 from .ros_sides import side_of
 
 _FIRST = re.compile(
-    r"\{?(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*($|[{\[])"
+    r"\{?(header|transforms|transform|translation|pose|position|detections|markers|child_frame_id):\s*($|[{\[])"
 )
 # A part with x below it, not a list.
 _PART = re.compile(r"(?:^|[\s{-])(?:position|translation):\s*(?:\{\s*)?x:", re.MULTILINE)

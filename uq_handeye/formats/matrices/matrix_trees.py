@@ -78,13 +78,15 @@ def listed(tree: Tree) -> Tree:
         return [{"translation": values[:3], "rotvec": values[3:]}]
     stems: dict[str, list[str]] = {}
     for key, value in tree.items():
-        if (is_map(value) or _is_row(value)) and (match := _NUMBERED.fullmatch(str(key))) is not None:
+        if (is_map(value) or _is_pose(value)) and (match := _NUMBERED.fullmatch(str(key))) is not None:
             stems.setdefault(match[1].rstrip("_- [("), []).append(key)
     lists = {
         stem: [tree[key] for key in sorted(keys, key=natural)]
         for stem, keys in stems.items()
         if len(keys) > 1 and stem not in tree
     }
+    if len(lists) == 1 and (first := numbers_of(next(iter(lists.values()))[0])) is not None and first.size > 7:
+        return tree  # matrices of one side, which `matrices_of` reads with their names
     every = next(iter(lists.values()), [])
     if len(lists) == 1 and len(tree) == len(every) and not {"rows", "cols", "data"} <= set(fields_of(every[0])):
         return every
@@ -92,10 +94,10 @@ def listed(tree: Tree) -> Tree:
     return {**{key: listed(value) for key, value in tree.items() if key not in taken}, **lists}
 
 
-def _is_row(value: Tree) -> bool:
-    """Return whether a value is the six or seven numbers of a pose."""
+def _is_pose(value: Tree) -> bool:
+    """Return whether a value is the six or seven numbers of a pose, or a matrix."""
     found = numbers_of(value)
-    return found is not None and found.shape in ((6,), (7,))
+    return found is not None and found.shape in ((6,), (7,), (4, 4), (3, 4), (16,), (12,))
 
 
 def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
