@@ -104,6 +104,20 @@ def test_joint_3_of_fanuc_is_read_as_the_poses_show(rig, coupled, setup, by_cont
     assert "--joint-units deg,pendant" in str(finding) and str(finding).startswith("joints.csv: ")
 
 
+def test_wrong_rows_do_not_hide_the_reading(rig):
+    """Three of fifteen joints are of another moment."""
+
+    def with_wrong_rows(q):
+        shown = pendant(q)
+        shown[[2, 7, 11]] = shown[[5, 1, 13]]
+        return shown
+
+    _, poses = rig(CRX, with_wrong_rows)
+    assert poses.findings[0].values["coupled"] is True
+    _, poses = rig(UR, lambda q: np.concatenate([q[:2], q[3:4], q[3:]]) * [1, 1, -1, 1, 1, 1])
+    assert poses.findings[0].values["meant"] == "sign"
+
+
 def test_joint_3_of_a_fanuc_arm_of_a_urdf(rig):
     arm = replace(CRX, name="fanuc_crx10ia")
     MIDDLE[arm] = MIDDLE[CRX]

@@ -14,13 +14,14 @@ from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
 from ..core.numbers.limits import MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..findings import Finding
 from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
-from ..model.kinematics.against_controller import compare_with_controller
+from ..model.kinematics.against_controller import MAX_MEDIANS, compare_with_controller
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.forward import LEVER_M
 from ..model.kinematics.joint_readings import (
@@ -41,6 +42,9 @@ from .readings import DECISIVE_RATIO
 
 # Poses that are looked at; one reading holds for all rows of a file.
 MAX_POSES_TRIED = 60
+# Rows are left out whose rotations against the others differ from the camera's by more than `MAX_MEDIANS` medians and
+# this angle, unless fewer than this share would stay.
+MIN_APART_RAD, MIN_SHARE_OF_ROWS = np.radians(0.5), 0.7
 # Shares of ranges that are only the limits of the arm fit roughly: they are named if they fit better by this factor.
 PERCENT_RATIO = 4.0
 
@@ -113,15 +117,25 @@ def _against_controller(chain: Kinematics, q: Array, poses: PosePairs) -> _Misfi
 
 
 def _against_camera(robot: Array, poses: PosePairs) -> _Misfit:
-    """Return how far the target moves in the base, in the setup in which it moves less."""
+    """Return how far the target moves in the base, in the setup in which it moves less; wrong rows are left out."""
+    rows = _agreeing_rows(robot, poses.camera)
+    robot, camera = robot[rows], poses.camera[rows]
     travel = float(np.linalg.norm(np.std(robot[:, :3, 3], axis=0)))
     both = (robot, inverse(robot)) if poses.setup == "eye-in-hand" else (inverse(robot), robot)
     best = _Misfit(np.pi, travel, False)
     for G in both:
-        fit = consistency(G, poses.camera)
+        fit = consistency(G, camera)
         if fit is not None and fit[0] < best.rotation:
             best = _Misfit(*fit[:2], fit[0] <= LARGE_ROTATION_RAD and fit[1] <= MAX_MISFIT_SHARE * travel)
     return best
+
+
+def _agreeing_rows(robot: Array, camera: Array) -> NDArray[np.bool_]:
+    """Return the rows that rotate against most others as the camera sees it; all, where too few do."""
+    between = [rotation_angles(T[:, None, :3, :3].mT @ T[None, :, :3, :3]) for T in (robot, camera)]
+    apart = np.median(np.abs(between[0] - between[1]), axis=1)
+    rows = apart <= max(MAX_MEDIANS * float(np.median(apart)), MIN_APART_RAD)
+    return rows if rows.mean() >= MIN_SHARE_OF_ROWS else np.ones(len(rows), dtype=bool)
 
 
 def _meant(
@@ -163,8 +177,8 @@ def _by_angles(readings: Iterator[JointReading], chain: Kinematics, poses: PoseP
 
 
 def _rotate_alike(T: Array, seen: Array, most: float) -> bool:
-    """Return whether poses rotate from each to the next by the angles seen, but for ``most`` (rad, RMS)."""
-    return bool(np.sqrt(np.mean((_angles(T) - seen) ** 2)) < most)
+    """Return whether poses rotate from each to the next by the angles seen, but for ``most`` (rad) of most of them."""
+    return bool(np.median(np.abs(_angles(T) - seen)) < most)
 
 
 def _angles(T: Array) -> Array:
