@@ -88,7 +88,7 @@ def _(name: str, joint: str, coupled: bool, rotation: float, other: float) -> st
         "as FANUC's pendant shows it, from the horizontal" if coupled else "as the angle between upper arm and forearm"
     )
     confirm = (
-        "--joint-units deg,pendant confirms it, and `predict`, `check` and `plan` need it for such files"
+        "--joint-units deg,pendant confirms it, and `predict` and `plan` need it for such files"
         if coupled
         else "--joint-units deg,pendant would read it as FANUC's pendant shows it"
     )
