@@ -9,7 +9,10 @@ from fixtures.rigs_on_arms import ARM, rig
 from support import difference
 
 import uq_handeye as uq
+from uq_handeye.calibration.report.arm import arm_sentences
+from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
+from uq_handeye.model.kinematics.arms.known_arms import about_flange
 
 LARGE = {"joint offsets": 2e-2, "joint tilts": 1e-2, "link lengths": 2e-3}
 NOISE = uq.PoseNoise.isotropic(None, (3e-4, 1e-4))
@@ -116,3 +119,26 @@ def test_another_arm_is_refused_with_what_would_explain_it(rng):
     other = uq.Kinematics.from_urdf(SIX_AXES.replace("0 0 0.27", "0 0 0.67"))
     with pytest.raises(InputError, match="The URDF is of another arm"):
         uq.calibrate(poses, kinematics=other)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("hc10", "turned by half a turn"), ("vs060", "half a turn"), ("rs007n", "a guess"), ("ur5e", "")],
+)
+def test_what_is_open_about_the_flange_of_an_arm(name, words):
+    """By the name of the chain, which stays when its frames are those of the controller."""
+    about = about_flange(uq.Kinematics.from_name(name).name)
+    assert words in about and bool(about) is bool(words)
+    assert about_flange("six_axes") == ""
+
+
+@pytest.mark.slow
+def test_what_is_open_about_the_flange_of_an_arm_is_in_its_section(rng):
+    arm = uq.Kinematics.from_name("vs060")
+    q = rng.uniform(-0.4, 0.4, (10, 6)) + 0.7
+    X, W = motion((0.1, 0.2, 0.3), (0.05, 0.0, 0.1)), motion((0.0, 3.0, 0.0), (0.5, 0.0, 0.2))
+    poses = uq.PosePairs(arm.poses(q), np.linalg.inv(arm.poses(q) @ X) @ W, "eye-in-hand", joints=q)
+    poses = replace(poses, camera=perturb(poses.camera, rng.normal(size=(10, 6)) * np.repeat([3e-4, 1e-4], 3)))
+    options = {"kinematics": arm, "kinematic_errors": uq.KinematicErrors("exact")}
+    result = uq.calibrate(poses, noise=NOISE, shared=[], robust=False, **options)
+    assert "Another public description of this arm has the flange turned" in " ".join(arm_sentences(result))

@@ -14,6 +14,7 @@ from ...core.presentation.document import (
     Heading,
     Paragraph,
 )
+from ...model.kinematics.arms.known_arms import about_flange
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
 from ...model.kinematics.sentences import frame_size
 from ..estimate.analysis import FittedKinematics
@@ -46,6 +47,8 @@ def arm_sentences(result: Calibration) -> list[str]:
     if told := told_words(fitted):
         text += f" {told}"
     meaning = [] if fitted.how == EXACT else [meaning_words(result, fitted)]
+    if about := about_flange(chain.name):
+        meaning.append(about)
     return [text, *meaning, *([said] if (said := prediction_words(result)) else [])]
 
 

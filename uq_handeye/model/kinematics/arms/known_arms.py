@@ -83,7 +83,17 @@ def known_arm(name: str) -> KnownArm:
 
 def maker_of(chain: str) -> str | None:
     """Return the maker of an arm of the table by the name of its chain (`known_arm`); None for other chains."""
-    return next((of["maker"] for name, of in _table().items() if chain == f"{of['maker']} {name}"), None)
+    of = _entry(chain)
+    return None if of is None else str(of["maker"])
+
+
+def about_flange(chain: str) -> str:
+    """Return what is open about the flange of an arm of the table, by the name of its chain, as a sentence, or ""."""
+    return str((_entry(chain) or {}).get("about_flange", ""))
+
+
+def _entry(chain: str) -> dict[str, Any] | None:
+    return next((of for name, of in _table().items() if chain == f"{of['maker']} {name}"), None)
 
 
 @functools.cache
