@@ -6,6 +6,7 @@ mcap-protobuf-support 0.6.0 and rosbags 0.11.9; all hold the rig of ``rig.npz``.
 
 import json
 import struct
+import time
 import warnings
 from pathlib import Path
 
@@ -178,6 +179,31 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path, rng, name):
             except InputError as error:
                 said = str(error)
             assert "\n" not in said and "cell.mcap" in said
+
+
+@pytest.mark.slow
+def test_sizes_that_a_file_declares_are_bounded(tmp_path):
+    """Of a sparse file nothing is read but what its records may hold, and definitions are bounded together."""
+    path = tmp_path / "cell.mcap"
+    begin = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b"test"))
+    size = 3_000_000_000
+    for opcode in (3, 4, 5, 6):  # definition, channel, message, chunk
+        with path.open("wb") as file:
+            file.write(begin + bytes([opcode]) + struct.pack("<Q", size))
+            file.seek(len(begin) + 9 + size)
+            file.write(record(15, bytes(4)) + record(2, bytes(20)) + b"\x89MCAP0\r\n")
+        started = time.perf_counter()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            said = "no messages"
+            try:
+                assert not read_recording(path).poses
+            except InputError as error:
+                said = str(error)
+        assert "\n" not in said and time.perf_counter() - started < 5.0
+    large = [(b"/a%d" % k, b"a.B", b"protobuf", bytes(2_000_000), b"protobuf", []) for k in range(12)]
+    with pytest.raises(InputError, match="definitions of more than 20 MB"):
+        read_recording(mcap(path, *large))
 
 
 # ------------------------------------------------------------------------------------------------------- protobuf

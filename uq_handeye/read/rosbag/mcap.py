@@ -20,6 +20,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from .decompression import MAX_CHUNK_BYTES, TooLarge, decompressors
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -70,6 +71,7 @@ class McapFile:
         self.channels: dict[int, McapChannel] = {}
         self.counts: Counter[int] = Counter()
         self.chunks: list[_Chunk] = []
+        self.described = 0  # bytes of definitions
         self.start_time, self.end_time = 2**63 - 1, 0  # ns
         self.size = os.fstat(self.file.fileno()).st_size
         if self.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
@@ -107,8 +109,7 @@ class McapFile:
         for opcode, place, length in _records(self.file, self.summary, self.end):
             if opcode not in (SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS):
                 continue
-            self.file.seek(place)
-            fields = _Fields(self.file.read(length))
+            fields = _Fields(self._read(place, length))
             if opcode == CHUNK_INDEX:
                 _, _, at, _ = fields.numbers("<QQQQ")
                 offsets = fields.bytes()
@@ -142,7 +143,10 @@ class McapFile:
             raise McapError(f"more than {MAX_CHANNELS} types and channels")
         (key,) = fields.numbers("<H")
         if opcode == SCHEMA:
-            self.schemas[key] = fields.text(), fields.text(), fields.bytes()
+            self.schemas[key] = name, _, data = fields.text(), fields.text(), fields.bytes()
+            self.described += len(name) + len(data)
+            if self.described > MAX_DESCRIPTION_BYTES:
+                raise McapError(f"definitions of more than {MAX_DESCRIPTION_BYTES / 1e6:g} MB")
             return
         (schema,) = fields.numbers("<H")
         topic, encoding = fields.text(), fields.text()
