@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from fixtures.streams import motion, streams
+from fixtures.streams import motion, streams, triggered
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
@@ -91,3 +91,15 @@ def test_files_of_single_poses_are_told_to_pair_them():
         InputError, match=r"taken one by one are paired, not interpolated: by their times \(--pair time\)"
     ):
         uq.synchronise(*single_poses(15, 20.0))
+
+
+@pytest.mark.slow
+def test_few_pictures_at_stops_need_no_offset(rng, caplog):
+    """Too few for speeds: the stamps are those of one clock, and the robot stood still at each picture."""
+    X, robot, camera = triggered(rng, 15)
+    with caplog.at_level(logging.INFO, "uq_handeye"):
+        found = Sensors("cell.mcap", robot, camera, BOTH).synchronised()
+    assert found.offset == 0.0 and found.poses.n == 15
+    assert "Every picture was taken while the robot stood still" in caplog.text and not found.warnings
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
+    assert np.linalg.norm(uq.calibrate(found.poses).X[:3, 3] - X[:3, 3]) < 5e-3

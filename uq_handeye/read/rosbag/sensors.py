@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...findings import Finding
 from ...formats.contents import Side
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
@@ -18,6 +20,7 @@ from ...model.poses.stream import Stream
 from ..camera_covariance import with_covariance
 from ..pairing_by_time import SYNCHRONOUS_S, Match, match_times
 from ..synchronisation.result import Synchronised
+from ..synchronisation.stops import offsets_at_rest
 from ..synchronisation.stream_checks import MAX_INTERVAL_S
 from ..synchronisation.synchronise import synchronise
 
@@ -101,6 +104,11 @@ class Sensors:
             return False
         return found.offset_std < MAX_OFFSET_SHARE * interval and abs(found.offset) < interval
 
+    def _at_rest(self) -> tuple[float, float] | None:
+        """Return the offsets within which the robot stands still at every picture, if they include 0."""
+        found = offsets_at_rest(*_by_time(self.robot), np.sort(self.camera.timestamps), 0.0)
+        return found if found is not None and found[0] <= 0.0 <= found[1] else None
+
     def _pairs(self, match: Match, setup: str) -> PosePairs:
         robot, camera, times = self.robot, self.camera, self.camera.timestamps[match.camera]
         joints = None if robot.joints is None else robot.joints[match.robot]
@@ -159,7 +167,12 @@ class Sensors:
             except (InputError, NotConvergedError) as error:
                 failures.append(error)
                 continue
-            if failures:
+            if failures and (at_rest := self._at_rest()) is not None:
+                low, high = at_rest
+                values = {"low": low, "high": high}
+                said = Finding("synchronisation.open_within_stops", "note", values)
+                _log.log(info, "%s The stamps of the bag are taken as those of one clock.", said)
+            elif failures:
                 _log.log(
                     warning,
                     "The clock offset was not estimated: %s The stamps of the bag are taken as those of one clock, as "
@@ -170,9 +183,15 @@ class Sensors:
         raise failures[0]
 
 
+def _by_time(stream: Stream) -> tuple[Array, Array]:
+    """Return times and poses of a stream in the order of time."""
+    order = np.argsort(stream.timestamps, kind="stable")
+    return stream.timestamps[order], stream.poses[order]
+
+
 def _jumps(stream: Stream) -> bool:
     """Return whether most poses of a stream are so far from the one before that nothing can be interpolated."""
-    R = stream.poses[np.argsort(stream.timestamps, kind="stable"), :3, :3]
+    R = _by_time(stream)[1][:, :3, :3]
     return bool(np.median(rotation_angles(R[:-1].mT @ R[1:])) > JUMP_RAD)
 
 
