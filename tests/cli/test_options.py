@@ -298,17 +298,19 @@ def test_what_a_docstring_declares_wrongly_is_refused(monkeypatch):
 
 @pytest.mark.slow
 def test_covariances_in_the_convention_of_a_library(tmp_path):
-    poses = write_session(tmp_path)
-    R = poses.camera[:, :3, :3]
+    R = uq.simulate(12, seed=3).camera[:, :3, :3]
     S = np.zeros((12, 6, 6))
     S[:, :3, :3], S[:, 3:, 3:] = R @ np.diag([1e-6, 3e-6, 6e-6]) @ R.mT, R @ np.diag([1e-7, 2e-7, 5e-7]) @ R.mT
     S = 0.5 * (S + S.mT)
+    noise = uq.PoseNoise(np.diag([np.radians(0.02) ** 2] * 3 + [5e-5**2] * 3), S)
+    poses = uq.simulate(12, noise=noise, seed=3)
+    write_pose_file(tmp_path / "robot.csv", poses.robot)
+    write_pose_file(tmp_path / "camera.csv", poses.camera)
     numbers = uq.to_convention(S, poses.camera, "gtsam")
     text = f"[robot]\nrotation = '0.02deg'\ntranslation = '0.05mm'\n[camera]\ncovariance = {numbers.tolist()}\n"
     (tmp_path / "noise.toml").write_text(text)
     command = ["calibrate", "robot.csv", "camera.csv", "--noise", "noise.toml", "--json"]
     done = run(*command, "--covariance-convention", "gtsam", cwd=tmp_path)
-    noise = uq.PoseNoise(np.diag([np.radians(0.02) ** 2] * 3 + [5e-5**2] * 3), S)
     expected = uq.calibrate(poses, noise=noise).covariance
     np.testing.assert_allclose(json.loads(done.stdout)["covariance"], expected, rtol=1e-5, atol=1e-14)
     other = run(*command, cwd=tmp_path)
@@ -319,5 +321,7 @@ def test_covariances_in_the_convention_of_a_library(tmp_path):
     (tmp_path / "noise.toml").write_text(text + "convention = 'gtsam'\n")
     again = json.loads(run(*command, cwd=tmp_path).stdout)
     assert again["covariance"] == json.loads(done.stdout)["covariance"]
+    unused = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--covariance-convention", "gtsam", cwd=tmp_path)
+    assert "neither a noise file nor the camera poses hold a covariance" in unused.stderr
     refused = run("simulate", "--noise", "noise.toml", "-o", "new", cwd=tmp_path)
     assert "simulate takes covariances as the toolkit has them" in refused.stderr

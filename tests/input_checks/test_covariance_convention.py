@@ -23,13 +23,13 @@ ROBOT = np.diag([np.radians(0.01) ** 2] * 3 + [3e-5**2] * 3)
 N = 15
 
 
-def rig(seed, pixel_sd=0.2):
-    """Poses with the covariance of 54 corners, and their numbers in any convention."""
-    exact = uq.simulate(N, seed=seed)
+def rig(seed, pixel_sd=0.2, count=N):
+    """Poses with the covariance of 54 corners."""
+    exact = uq.simulate(count, seed=seed)
     S = pixel_sd**2 * uq.camera_noise(exact.camera, CORNERS, K, "exact", pixel_sd=1.0).joint.own
     rng = np.random.default_rng(seed)
-    robot = moved(exact.robot, draw(rng, ROBOT, (N,)))
-    return uq.PosePairs(robot, moved(exact.camera, draw(rng, S, (N,))), truth=exact.truth), S
+    robot = moved(exact.robot, draw(rng, ROBOT, (count,)))
+    return uq.PosePairs(robot, moved(exact.camera, draw(rng, S, (count,))), truth=exact.truth), S
 
 
 def as_it_comes(poses, S, words):
@@ -112,6 +112,15 @@ def test_outliers_are_no_other_convention():
 def test_numbers_of_another_size_are_no_other_convention(factor):
     poses, S = rig(7)
     assert found(poses, factor * S) is None
+
+
+@pytest.mark.slow
+def test_many_poses_take_no_longer():
+    """Of 400 poses some decide, and one covariance of the robot for each is that of these poses."""
+    poses, S = rig(3, count=400)
+    robot = np.tile(ROBOT, (400, 1, 1))
+    assert "ros" in names_of(found(poses, as_it_comes(poses, S, "ros"), robot))
+    assert found(poses, S, robot) is None
 
 
 def test_noise_that_leaves_residuals_exact():

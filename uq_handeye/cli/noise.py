@@ -91,6 +91,13 @@ class Given:
     file: Path | None  # noise file, which may hold shared errors too
     reading: "CovarianceReading | None" = None  # of covariances that come with poses
 
+    @property
+    def is_stated(self) -> bool:
+        """True if the noise has a covariance in a convention that depends on the poses."""
+        from ..model.noise.stated_noise import StatedNoise
+
+        return isinstance(self.noise, StatedNoise)
+
     def noise_at(self, poses: "PosePairs") -> "Noise | None":
         """Return the noise of these poses."""
         from ..model.noise.stated_noise import StatedNoise

@@ -358,6 +358,11 @@ class PoseFiles(StreamFiles):
             else:
                 poses = self._read(how, pictures, arm, None if given is None else given.reading)
                 noise = None if given is None else given.noise_at(poses)
+        if given is not None and given.reading is not None and not given.is_stated and poses.camera_read_as is None:
+            raise InputError(
+                "--covariance-convention: neither a noise file nor the camera poses hold a covariance that it applies "
+                "to. Remove it."
+            )
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < fewest:
             raise InputError(

@@ -12,9 +12,10 @@ two sizes, of rotation and of translation, at which each reading is judged best.
 
 If the given reading is right, the gain of another one is about normal with the mean -K and the variance 2 K, where K is
 the Kullback-Leibler divergence of the two: it exceeds ``-K + z sqrt(2 K)`` by chance with the probability of z only.
-A reading is named where its gain is larger than that, where most poses fit with it, and where it is about as likely as
-the given one with its numbers multiplied by a size of their own: numbers that are merely too small or too large fit no
-convention better.
+If that other reading is right, the mean of its gain is the reverse divergence.
+A reading is named where its gain is larger than by chance and no small share of that mean, where most poses fit with
+it, and where it is about as likely as the given one with its numbers multiplied by a size of their own: numbers that
+are merely too small or too large fit no convention better.
 """
 
 from __future__ import annotations
@@ -32,10 +33,14 @@ from ..likelihood.constraint import Linearised, Unknowns, constraint_of
 
 CODE = "input_checks.covariance_convention"
 
+# Of more poses these, evenly spaced, decide.
+MAX_POSES = 60
 # A reading is named where its log likelihood is larger than that of the given one by this,
-MIN_GAIN = 2.0
+MIN_GAIN = 1.0
 # and by what noise reaches with this quantile of a normal distribution, 1 in 700, where the given one is right.
 QUANTILE_OF_CHANCE = 3.0
+# The gain is at least this share of what it is on average if the reading is right.
+MIN_SHARE_OF_GAIN = 0.1
 # It may be less likely by this than the given reading whose numbers have a size of their own.
 MAX_LOSS_AGAINST_SIZED = 1.5
 # Readings whose log likelihoods are within this of the best are named beside it: the data do not tell them apart.
@@ -91,16 +96,23 @@ def convention_finding(
         How it was read.
     """
     camera = np.broadcast_to(camera, (poses.n, 6, 6))
+    if poses.n > MAX_POSES:
+        rows = np.linspace(0, poses.n - 1, MAX_POSES).astype(np.intp)
+        poses, camera = poses.rows(rows), camera[rows]
+        robot = robot if robot is None or robot.ndim == 2 else robot[rows]
     try:
         tried = _distinct(poses.camera, camera, given)
-        rows = _Rows.of(constraint_of(poses, None).linearise(at, poses.robot, poses.camera), camera, robot)
-        as_is = rows.judged(np.stack([S for _, S in tried]), sized=False)
-        most = float(rows.judged(camera[None], sized=True).values[0])
+        linear = constraint_of(poses, None).linearise(at, poses.robot, poses.camera)
+        residuals = _Residuals.of(linear, camera, robot)
+        as_is = residuals.judged(np.stack([S for _, S in tried]), sized=False)
+        most = float(residuals.judged(camera[None], sized=True).values[0])
     except np.linalg.LinAlgError:  # the noise given leaves residuals exact
         return None
     gain = as_is.values - as_is.values[0]
-    K = _divergence(as_is.S)
-    needed = np.maximum(MIN_GAIN, QUANTILE_OF_CHANCE * np.sqrt(2.0 * K) - K)
+    bound = poses.n * (0.5 * OUTLIER_SQUARE - 3.0)  # where every pose is an outlier of the given reading
+    by_chance, if_right = _divergence(as_is.S), _divergence(as_is.S, reverse=True)
+    above = QUANTILE_OF_CHANCE * np.sqrt(2.0 * by_chance) - by_chance
+    needed = np.maximum(np.maximum(above, MIN_SHARE_OF_GAIN * np.minimum(if_right, bound)), MIN_GAIN)
     fits = np.median(as_is.squares, axis=-1) < MAX_MEDIAN_SQUARE
     named = fits & (gain > needed) & (as_is.values > most - MAX_LOSS_AGAINST_SIZED)
     best = int(np.argmax(np.where(named, gain, -np.inf)))
@@ -162,9 +174,10 @@ def _words(reading: CovarianceReading, given: CovarianceReading) -> str:
     return CovarianceReading(name, reading.inverse, given.information, pixel_sd).words
 
 
-def _divergence(S: Array) -> Array:
-    """Kullback-Leibler divergence (k,) of each of the normal residuals of S (k, n, 6, 6) from those of the first."""
-    ratio = np.linalg.solve(S, np.broadcast_to(S[0], S.shape))
+def _divergence(S: Array, reverse: bool = False) -> Array:
+    """Kullback-Leibler divergences (k,) of normal residuals of S[0] and of each S (k, n, 6, 6); or the reverse ones."""
+    first = np.broadcast_to(S[0], S.shape)
+    ratio = np.linalg.solve(first, S) if reverse else np.linalg.solve(S, first)
     each = np.trace(ratio, axis1=-2, axis2=-1) - 6.0 - np.linalg.slogdet(ratio)[1]
     return np.asarray(np.maximum(0.5 * each.sum(axis=-1), 0.0))
 
@@ -179,7 +192,7 @@ class _Likelihoods(NamedTuple):
     squares: Array  # (..., n) d^2
 
 
-class _Rows(NamedTuple):
+class _Residuals(NamedTuple):
     """Linearised rows, the known part of the robot's noise, its unknown parts, and the log density of outliers."""
 
     linear: Linearised
@@ -189,7 +202,7 @@ class _Rows(NamedTuple):
     outliers: float
 
     @classmethod
-    def of(cls, linear: Linearised, camera: Array, robot: Array | None) -> _Rows:
+    def of(cls, linear: Linearised, camera: Array, robot: Array | None) -> _Residuals:
         """Return the rows with the camera's covariance as it was read."""
         D_G, D_C = linear.sides
         C = D_C @ camera @ D_C.mT
