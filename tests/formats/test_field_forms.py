@@ -55,6 +55,13 @@ def test_rotation_before_translation(tmp_path, form, length):
     assert "rotation before translation), with which robot and camera agree" in notes(poses)
 
 
+@pytest.mark.parametrize("first", [False, True])
+def test_a_given_form_leaves_the_order_open(tmp_path, first):
+    for name, T in (("robot.txt", POSES.robot), ("camera.txt", POSES.camera)):
+        (tmp_path / name).write_text(lines(numbers(T, "rotvec", 1.0, first)))
+    assert_right(read_poses(tmp_path / "robot.txt", tmp_path / "camera.txt", rotation="rotvec-rad"))
+
+
 def test_hundreds_are_never_radians(tmp_path):
     """Also where the form is asked for: the last three numbers are then the translation."""
     (tmp_path / "robot.txt").write_text(lines(numbers(POSES.robot, "rotvec", 1e3, True)))

@@ -114,7 +114,13 @@ class _Pair:
     setup: str
 
     def of_choices(self, first: Readings, every: Readings) -> Chosen:
-        """Return the sides with one of the ``first`` readings, or of ``every`` one where none of the first agrees."""
+        """Return the sides with one of the ``first`` readings, or of ``every`` one where none of the first agrees.
+
+        Where a form is given, and nothing else is open, ``every`` reading of this form is compared at once.
+        """
+        if first != every and all(readings == (None,) for readings in first):  # the form is given, its place is not
+            with suppress(InputError):
+                return self.chosen(every)
         try:
             return self.chosen(first)
         except InputError:
