@@ -166,4 +166,8 @@ def test_they_are_used_and_stored(tmp_path):
     assert result.noise_estimate.camera_known
     again = type(result).from_dict(json.loads(result.to_json()))
     assert again.data.camera_read_as == CovarianceReading("ros")
-    assert {error.name for error in uq.calibrate(data).shared} >= {"focal length"}
+    first = uq.calibrate(data)
+    assert {error.name for error in first.shared} >= {"focal length"}
+    updated = uq.update(uq.calibrate(data[:14]), data[14:])
+    assert updated.data.camera_read_as == CovarianceReading("ros")
+    assert {error.name for error in updated.shared} == {error.name for error in first.shared}

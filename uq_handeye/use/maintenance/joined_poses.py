@@ -67,7 +67,10 @@ def joined_poses(old: PosePairs, new: PosePairs) -> tuple[PosePairs, NDArray[np.
         times = None if times is None else times[kept]
         cam = replace(cam, corners=replace(cam.corners, row=cam.corners.picture))
     S = joined_covariance(old.camera_covariance, new.camera_covariance)
-    return PosePairs(robot, camera, old.setup, times, None, sources, timing, cam, joints, S), numbers
+    read_as = None if S is None else old.camera_read_as
+    return PosePairs(
+        robot, camera, old.setup, times, None, sources, timing, cam, joints, S, camera_read_as=read_as
+    ), numbers
 
 
 def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) -> JointCovariance | None:
