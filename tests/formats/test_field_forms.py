@@ -70,13 +70,26 @@ def test_hundreds_are_never_radians(tmp_path):
     assert_right(read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv", **options))
 
 
-def test_one_number_a_line_in_a_file_per_pose(tmp_path):
+@pytest.mark.parametrize("mark", ["\n", "\r\n", ",\n"])
+def test_one_number_a_line_in_a_file_per_pose(tmp_path, mark):
     (tmp_path / "robot").mkdir()
     for k, row in enumerate(numbers(POSES.robot, "xyz", 1e3, True)):
-        (tmp_path / "robot" / f"pos{k}.txt").write_text("\n".join(f"{value:.10f}" for value in row) + "\n")
+        (tmp_path / "robot" / f"pos{k}.txt").write_text(mark.join(f"{value:.10f}" for value in row) + mark)
     write_pose_file(tmp_path / "camera.csv", POSES.camera)
     poses = read_poses(tmp_path / "robot", tmp_path / "camera.csv")
     assert_right(poses, atol=1e-8)
+
+
+def test_folders_with_a_file_of_each_side(tmp_path):
+    for k in range(N):
+        folder = tmp_path / "session" / f"pose_{k}"
+        folder.mkdir(parents=True)
+        np.savetxt(folder / "robot.txt", POSES.robot[k])
+        np.savetxt(folder / "camera.txt", POSES.camera[k])
+    with pytest.raises(InputError, match=r"'.*session/\*/robot.txt' '.*session/\*/camera.txt'"):
+        read_poses(tmp_path / "session")
+    patterns = tmp_path / "session" / "*" / "robot.txt", tmp_path / "session" / "*" / "camera.txt"
+    assert_right(read_poses(*patterns))
 
 
 # --------------------------------------------------------------------------------------------- both sides in one table

@@ -282,7 +282,7 @@ def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iter
 
 def _one_pose(text: str) -> list[Row]:
     """Return six or seven numbers below each other, one per line, as one pose."""
-    lines = [line.strip() for line in text.split("\n", 40) if line.strip() and not _COMMENT.match(line.strip())]
+    lines = [line.strip(" \t,;") for line in text.split("\n", 40) if line.strip() and not _COMMENT.match(line.strip())]
     whole = len(lines) in (MIN_NUMBERS, MIN_NUMBERS + 1) and all(number_of(line) is not None for line in lines)
     return [Row(1, lines)] if whole else []
 

@@ -87,13 +87,24 @@ def _may_hold_poses(path: Path) -> bool:
 
 
 def _one_in_each(path: Path) -> list[Path]:
-    """Return the file of poses in each folder of a folder, ``pose_00/data.json``; none unless all have one name."""
+    """Return the file of poses in each folder of a folder, ``pose_00/data.json``; none unless all have one name.
+
+    Raises `InputError` with the patterns to give where each folder has the same few files.
+    """
     folders = [child for child in path.iterdir() if child.is_dir() and not _hidden(child.name)][: MAX_FILES + 1]
     found = []
     for folder in folders:
         inside = [child for child in folder.iterdir() if child.is_file() and not _hidden(child.name)]
         found += [child for child in inside if _may_hold_poses(child)]
-    return found if len(found) == len(folders) and len({child.name for child in found}) == 1 else []
+    names = Counter(child.name for child in found)
+    if len(folders) > 1 and 2 <= len(names) <= 4 and set(names.values()) == {len(folders)}:
+        ordered = sorted(names, key=lambda name: bool(_SEEN.match(name)))  # the robot's first
+        given = " ".join(f"'{shown(path / '*' / name)}'" for name in ordered)
+        raise InputError(
+            f"Expected the poses of one side in the folders of {shown(path)}, got {', '.join(ordered)} in each. Name "
+            f"those of robot and camera by a pattern each, in quotes, the robot's first: {given}."
+        )
+    return found if len(found) == len(folders) and len(names) == 1 else []
 
 
 def _meant(path: Path) -> Path:
