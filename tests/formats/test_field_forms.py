@@ -46,6 +46,7 @@ def notes(poses):
 # ---------------------------------------------------------------------------------------- rotation before translation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "length"), [("rotvec", 1.0), ("rotvec", 1e3), ("xyz", 1e3), ("ZYX", 1.0)])
 def test_rotation_before_translation(tmp_path, form, length):
     (tmp_path / "robot.txt").write_text(lines(numbers(POSES.robot, form, length, True)))
@@ -55,6 +56,7 @@ def test_rotation_before_translation(tmp_path, form, length):
     assert "rotation before translation), with which robot and camera agree" in notes(poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [False, True])
 def test_a_given_form_leaves_the_order_open(tmp_path, first):
     for name, T in (("robot.txt", POSES.robot), ("camera.txt", POSES.camera)):
@@ -70,6 +72,7 @@ def test_hundreds_are_never_radians(tmp_path):
     assert_right(read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv", **options))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mark", ["\n", "\r\n", ",\n"])
 def test_one_number_a_line_in_a_file_per_pose(tmp_path, mark):
     (tmp_path / "robot").mkdir()
@@ -80,6 +83,7 @@ def test_one_number_a_line_in_a_file_per_pose(tmp_path, mark):
     assert_right(poses, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_folders_with_a_file_of_each_side(tmp_path):
     for k in range(N):
         folder = tmp_path / "session" / f"pose_{k}"
@@ -113,6 +117,7 @@ def test_two_quaternions_in_each_row(tmp_path):
     assert_right(read_poses(tmp_path / "both.txt"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("hand", "eye"), ("Robot", "Camera"), ("gripper", "target")])
 def test_rows_that_name_their_side(tmp_path, words):
     sides = [numbers(T, "xyz") for T in (POSES.robot, POSES.camera)]
@@ -201,6 +206,7 @@ def test_two_lists_of_matrices_by_their_order(tmp_path):
         read_poses(tmp_path / "TransformPairs.yml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_rows", [False, True])
 @pytest.mark.parametrize("given", ["captured", "captured/pose_*/*.json"])
 def test_a_folder_per_pose_with_both_sides_in_its_json(tmp_path, monkeypatch, by_rows, given):
@@ -386,6 +392,7 @@ def both_in_json():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("way", "content"), list(both_in_json()))
 def test_both_sides_in_one_json(tmp_path, way, content):
     (tmp_path / "session.json").write_text(json.dumps(content))
@@ -400,6 +407,7 @@ def test_two_arrays_by_their_order(tmp_path):
         read_poses(tmp_path / "session.npz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [
@@ -428,6 +436,7 @@ def declared_only(path):
     return read_poses(path, path.parent / "camera.csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["poses", "samples", "data"])
 def test_both_sides_in_lists_of_yaml(tmp_path, key):
     """Numbers in brackets are no table where the file is a tree."""
@@ -437,6 +446,7 @@ def test_both_sides_in_lists_of_yaml(tmp_path, key):
     assert_right(read_poses(tmp_path / "session.yaml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("T1_", "T2_"), ("robot_", "camera_"), ("base_T_ee_", "cam_T_board_")])
 @pytest.mark.parametrize("suffix", ["json", "yaml"])
 def test_numbered_matrices_of_both_sides(tmp_path, names, suffix):
@@ -463,6 +473,7 @@ def of_robot_in_yaml():
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", list(of_robot_in_yaml()))
 def test_lists_of_poses_in_yaml(tmp_path, text):
     assert_right(declared(tmp_path, text))
