@@ -58,7 +58,10 @@ def test_no_reading_is_tried_twice(rng):
         assert all(np.abs(S / np.trace(S) - other / np.trace(other)).max() > 1e-4 for other in made[:k]), readings()[k]
 
 
-@pytest.mark.parametrize("words", ["gtsam", "ros", "toolkit,inverse"])
+@pytest.mark.parametrize(
+    "words",
+    [pytest.param("gtsam", marks=pytest.mark.slow), "ros", pytest.param("toolkit,inverse", marks=pytest.mark.slow)],
+)
 def test_the_convention_is_named_before_an_outlier(words):
     poses, S = rig(7)
     wrong = as_it_comes(poses, S, words)

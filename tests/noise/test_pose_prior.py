@@ -134,6 +134,7 @@ def test_a_prior_file_in_the_convention_of_a_library(tmp_path, rng):
     np.testing.assert_allclose(covariance, S, rtol=1e-5, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_ros_file_of_a_result_is_a_prior(tmp_path):
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     result = uq.calibrate(uq.simulate(12, noise=noise, seed=1), noise=noise)

@@ -31,6 +31,7 @@ def written(folder, poses, numbers, kind="mcap"):
     return bag.path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_a_topic_with_covariances(tmp_path, cell, kind):
     poses, S = cell
