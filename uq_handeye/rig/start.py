@@ -9,8 +9,10 @@ The eigenvector of the smallest eigenvalue of the sum over edges of A^T A (9 m s
 each projected on SO(3). With several arms, whose bases are unknown, the edges have three or more unknown rotations:
 each in turn is the one nearest to the predictions of the others, from many random starts at once, the best of which
 counts. Then all translations, linear given the rotations, follow by least squares. Outlying rows, judged by the median,
-are left out and the start is computed again. One camera with one target starts as `calibrate` does (4DPA), and a rig
-about one axis from its best pair along a spanning tree.
+are left out and the start is computed again. Starts from
+a few random moments each are tried, too, and the one of the least median misfit counts (Rousseeuw 1984): wrong rows are
+in few of them. One camera with one target starts as `calibrate` does (4DPA), and a rig about one axis from its best
+pair along a spanning tree.
 
 Parts of the graph that no view connects are reported first. Cameras and targets that see each
 other, directly or through others, are one part. A part is connected to the world if one of its views leads from one
@@ -37,6 +39,10 @@ from .graph import Graph
 
 # The linear problem determines the rotations where its second eigenvalue, relative to the mean, is above this.
 MIN_ROTATION_GAP = 1e-4
+# Starts from few moments that are tried: with three of ten moments wrong, one of them is of right ones with 0.999.
+MAX_CONSENSUS_STARTS = 25
+# Views of each camera and target in a start from few moments.
+MIN_VIEWS_OF_EACH = 4
 # Rows whose misfit exceeds this many times the median are left out of the next start.
 MAX_MISFIT_MEDIANS = 6.0
 
@@ -55,7 +61,55 @@ def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
         if (again == kept).all() or not _all_seen(graph, again):
             break
         kept = again
-    return at, kept
+    if any((base < graph.m).any() for base in graph.base):  # random starts by their median misfit already
+        return at, kept
+    return _consensus(graph, at, kept, seed)
+
+
+def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the start of the least median misfit of that given and those from few moments, and the edges that agree.
+
+    The misfit of an edge is the larger of its rotation and its translation over their medians at the start given.
+    Another start than that is taken where its median misfit is below half: from few right moments it is larger.
+    """
+
+    def sizes(T: Array) -> Array:
+        return np.linalg.norm(graph.linearise(T).r.reshape(-1, 2, 3), axis=-1)
+
+    rng, scale = np.random.default_rng(seed), np.maximum(np.median(sizes(at), axis=0), 1e-12)
+    best, least = at, 0.5
+    for _ in range(MAX_CONSENSUS_STARTS):
+        some = _few_groups(graph, rng)
+        if len(some) > graph.E // 2:  # many cameras and targets: as many wrong rows as in all
+            break
+        try:
+            tried = _solved(graph.of_edges(some), seed)
+        except (DegenerateMotionError, InputError):
+            continue
+        misfit = float(np.median((sizes(tried) / scale).max(axis=-1)))
+        if misfit < least:
+            best, least = tried, misfit
+    if best is at:
+        return at, kept
+    again = agreeing(graph, best)
+    if not _all_seen(graph, again):
+        return best, again
+    at = _solved(graph.of_edges(np.flatnonzero(again)), seed)
+    return at, agreeing(graph, at)
+
+
+def _few_groups(graph: Graph, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return the edges of random groups until each camera and target has enough of them."""
+    seen, chosen = np.zeros(graph.m, dtype=np.intp), np.zeros(graph.E, dtype=bool)
+    wanted = np.unique(np.concatenate([graph.X, graph.W]))
+    for group in rng.permutation(int(graph.group.max()) + 1).tolist():
+        of = group == graph.group
+        if (seen[np.concatenate([graph.X[of], graph.W[of]])] < MIN_VIEWS_OF_EACH).any():
+            chosen |= of
+            np.add.at(seen, np.concatenate([graph.X[of], graph.W[of]]), 1)
+            if (seen[wanted] >= MIN_VIEWS_OF_EACH).all():
+                break
+    return np.flatnonzero(chosen)
 
 
 def _all_seen(graph: Graph, kept: NDArray[np.bool_]) -> bool:

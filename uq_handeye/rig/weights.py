@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
-from ..fit.likelihood.robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights
+from ..fit.likelihood.robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights, scale_guard
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
 from .fit import MIN_POSE_WEIGHT, Prior, RigFit, fit
@@ -120,12 +120,12 @@ def fit_robustly(
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
-    if 2 * int((w_e > 0).sum()) < graph.E:
+    counted = int((found.view_weights > 0).sum())
+    if 2 * counted < graph.E:
         raise InputError(
-            f"Only {int((w_e > 0).sum())} of {graph.E} views agree with one rig within the noise; at least half of "
+            f"Only {counted} of {graph.E} views agree with one rig within the noise; at least half of "
             "them must. Look at the names of the poses, what cameras and targets are on, the units and the noise given."
         )
-    assert found is not None
     return found, far
 
 
@@ -149,12 +149,18 @@ def _worst(graph: Graph, far: Distances) -> Array:
     return worst[:-1]
 
 
+def _scaled(d2: Array) -> Array:
+    """Distances in units of the noise of most of them, where that is beyond chance larger than the noise given."""
+    of = d2[d2 > 0]
+    return d2 / scale_guard(of) if len(of) else d2
+
+
 def _wanted(graph: Graph, far: Distances, worst: Array, cleared: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Weights by the distances: a robot pose that explains more than its worst view spares its views.
 
     ``cleared``: poses that are not to blame.
     """
-    of_edges, of_poses = robust_weights(far.edges), robust_weights(far.poses)
+    of_edges, of_poses = (robust_weights(_scaled(d2)) for d2 in (far.edges, far.poses))
     blamed = (far.poses > worst) & (of_poses < 1.0) & ~cleared
     of_poses = np.where(blamed, of_poses, 1.0)
     spared = np.zeros(graph.E, dtype=bool)

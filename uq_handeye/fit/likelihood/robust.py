@@ -359,7 +359,7 @@ def _settle(
         at = found.unknowns
         distances, leverage = pose_distances(found)
         if k < UNDAMPED_STEPS:
-            scale2 = _scale_guard(distances)
+            scale2 = scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
         quick = k >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # or one of more than a thousand poses
         still = bool(np.abs(wanted - weights).max() < (still_at or (BORDER_SHARE if quick else STEP_SD)))
@@ -400,7 +400,7 @@ def _alternate(
     return noise, _settle(constraint, noise, at, weights, method, margin)
 
 
-def _scale_guard(distances: Array) -> float:
+def scale_guard(distances: Array) -> float:
     """s^2 >= 1: the noise of most poses in units of the noise given, 1 unless the excess is beyond chance (0.1 %)."""
     scale2 = robust_variance(distances, 6)
     m = int((distances <= NO_WEIGHT * max(scale2, 1.0)).sum())
