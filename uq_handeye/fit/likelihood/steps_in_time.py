@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import UNUSUAL
+from ...core.numbers.levels import DOUBTFUL
 from ...model.noise.cholesky import checked_cholesky
 from ...model.noise.joint_covariance import joint_form
+from ...model.noise.square_roots import LEAST_WEIGHT
 from .gauss_helmert import Fit
 
 # A direction of a change counts where the other rows give at least this share of the information.
@@ -33,7 +34,7 @@ MIN_MOMENTS = 3
 # Moments in a row of which most views are rejected that make a run.
 MIN_RUN = 5
 # Probability of a false finding in one data set: it is one of about ten tests.
-FALSE_FINDING = UNUSUAL.probability / 10
+FALSE_FINDING = DOUBTFUL.probability / 10
 
 
 class Step(NamedTuple):
@@ -110,7 +111,7 @@ def steps_of(fit: Fit, order: NDArray[np.intp]) -> list[Step]:
     n, S = len(order), joint_form(fit.S, len(fit.residual))
     half = np.linalg.inv(checked_cholesky(S.own[order]))
     if fit.weights is not None:
-        half = np.sqrt(fit.weights[order])[:, None, None] * half
+        half = np.sqrt(np.maximum(fit.weights[order], LEAST_WEIGHT))[:, None, None] * half
     white = half @ np.concatenate([fit.linear.J[order], S.shared[order], fit.residual[order][..., None]], axis=-1)
     A, e = white[..., :-1].reshape(6 * n, -1), white[..., -1].reshape(-1)
     H = A.T @ A

@@ -1,0 +1,77 @@
+"""Rigs with wrong robot rows, wrong or exchanged views: these are left out, and the poses are as accurate as stated."""
+
+import os
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import uq_handeye as uq
+from uq_handeye.core.geometry.se3 import logarithm, perturb
+from uq_handeye.rig.simulation import simulate_rig
+
+SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
+HAND = ({"left": "arm", "right": "arm"}, {"board": "world"})
+CELL = ({"left": "world", "right": "world"}, {"board": "arm"})
+NOISE = {"arm": ("0.3mrad", "0.2mm"), "left": ("1mrad", "0.5mm"), "right": ("1mrad", "0.5mm")}
+
+
+def knocked(T, rows, rng):
+    """Poses of which some are elsewhere: by 14 degrees and 5 cm."""
+    axes = rng.normal(size=(len(rows), 3))
+    turns = np.radians(14) * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    found = T.copy()
+    found[rows] = perturb(found[rows], np.concatenate([turns, 0.05 * rng.normal(size=turns.shape)], axis=1))
+    return found
+
+
+def robot_rows(rig, rows, rng):
+    return uq.Rig({"arm": knocked(rig.arms["arm"].poses, rows, rng)}, rig.cameras, rig.targets, rig.views)
+
+
+def with_poses(rig, poses):
+    views = [uq.View(view.camera, view.target, C, view.at) for view, C in zip(rig.views, poses, strict=True)]
+    return uq.Rig(rig.arms, rig.cameras, rig.targets, views)
+
+
+def both_cameras(rig, rows, rng):
+    return with_poses(rig, [knocked(view.poses, rows, rng) for view in rig.views])
+
+
+def exchanged(rig, rows, rng):
+    left, right = (view.poses.copy() for view in rig.views)
+    left[rows], right[rows] = right[rows].copy(), left[rows].copy()
+    return with_poses(rig, [left, right])
+
+
+def one_camera(rig, rows, rng):
+    return with_poses(rig, [rig.views[0].poses, knocked(rig.views[1].poses, rows, rng)])
+
+
+@pytest.mark.parametrize(
+    ("places", "n", "wrong", "count"),
+    [
+        (HAND, 40, robot_rows, 2),
+        (HAND, 20, both_cameras, 3),
+        (HAND, 20, exchanged, 6),
+        (CELL, 20, exchanged, 3),
+        (CELL, 20, exchanged, 6),
+        pytest.param(CELL, 20, both_cameras, 3, marks=pytest.mark.slow),
+        pytest.param(CELL, 20, one_camera, 8, marks=pytest.mark.slow),
+    ],
+)
+def test_what_is_wrong_is_left_out(places, n, wrong, count):
+    for k in range(3):
+        rng = np.random.default_rng([SEED, k])
+        exact, truth = simulate_rig(*places, n_poses=n, seed=k, noise=NOISE)
+        rows = rng.choice(n, count, replace=False)
+        found = uq.calibrate(wrong(exact, rows, rng))
+        left_out = {int(at) for _, at in found.rejected_poses} | {int(at) for *_, at in found.rejected}
+        assert left_out == set(rows.tolist())
+        xi = np.concatenate(
+            [
+                np.concatenate([logarithm(T[:3, :3] @ truth[name][:3, :3].T), T[:3, 3] - truth[name][:3, 3]])
+                for T, name in zip(found.poses, found.names, strict=True)
+            ]
+        )
+        assert xi @ np.linalg.solve(found.covariance, xi) < chi2.ppf(1 - 1e-4, len(xi))
