@@ -74,7 +74,7 @@ def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> t
     """
 
     def sizes(T: Array) -> Array:
-        return np.linalg.norm(graph.linearise(T).r.reshape(-1, 2, 3), axis=-1)
+        return np.asarray(np.linalg.norm(graph.linearise(T).r.reshape(-1, 2, 3), axis=-1))
 
     rng, scale = np.random.default_rng(seed), np.maximum(np.median(sizes(at), axis=0), 1e-12)
     best, least = at, 0.5

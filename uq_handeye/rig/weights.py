@@ -120,6 +120,7 @@ def fit_robustly(
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
+    assert found is not None
     counted = int((found.view_weights > 0).sum())
     if 2 * counted < graph.E:
         raise InputError(
