@@ -17,6 +17,7 @@ import struct
 from binascii import crc32
 from collections import Counter
 from collections.abc import Collection, Iterator
+from enum import IntEnum
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -24,14 +25,34 @@ from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from .decompression import MAX_CHUNK_BYTES, TooLarge, decompressors
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS = 1, 2, 3, 4, 5, 6, 8, 11
-END_OF_DATA = 15
-OPCODES = range(1, 16)
-# Opcode and length before each record; the footer with the end of the file.
-RECORD_HEAD_BYTES = 9
-FOOTER_BYTES = RECORD_HEAD_BYTES + 20 + len(MCAP_MAGIC)
+# Opcode and length before each record; size of the footer with the end of the file.
+RECORD_HEAD = struct.Struct("<BQ")
+FOOTER_BYTES = RECORD_HEAD.size + 20 + len(MCAP_MAGIC)
 # Types and channels of one file. A cell has some tens.
 MAX_CHANNELS = 10_000
+
+
+class Opcode(IntEnum):
+    """Kinds of records."""
+
+    HEADER = 1
+    FOOTER = 2
+    SCHEMA = 3
+    CHANNEL = 4
+    MESSAGE = 5
+    CHUNK = 6
+    MESSAGE_INDEX = 7
+    CHUNK_INDEX = 8
+    ATTACHMENT = 9
+    ATTACHMENT_INDEX = 10
+    STATISTICS = 11
+    METADATA = 12
+    METADATA_INDEX = 13
+    SUMMARY_OFFSET = 14
+    END_OF_DATA = 15
+
+
+OPCODES = frozenset(Opcode)
 
 
 class McapError(ValueError):
@@ -77,7 +98,7 @@ class McapFile:
         if self.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
             raise McapError("the first bytes are not those of MCAP")
         opcode, place, length = _record(self.file, len(MCAP_MAGIC), self.size) or (0, 0, 0)
-        if opcode != HEADER:
+        if opcode != Opcode.HEADER:
             raise McapError("the file has no header")
         self.file.seek(place)
         self.profile = _Fields(self.file.read(min(length, 4096))).text()
@@ -95,9 +116,11 @@ class McapFile:
     def _has_footer(self) -> bool:
         self.file.seek(max(0, self.size - FOOTER_BYTES))
         data = self.file.read(FOOTER_BYTES)
-        found = data[:1] == bytes([FOOTER]) and data.endswith(MCAP_MAGIC) and self.size - FOOTER_BYTES >= self.start
+        found = (
+            data[:1] == bytes([Opcode.FOOTER]) and data.endswith(MCAP_MAGIC) and self.size - FOOTER_BYTES >= self.start
+        )
         if found:
-            (self.summary,) = struct.unpack_from("<Q", data, RECORD_HEAD_BYTES)
+            (self.summary,) = struct.unpack_from("<Q", data, RECORD_HEAD.size)
             self.end = self.size - FOOTER_BYTES
         return found
 
@@ -107,15 +130,15 @@ class McapFile:
             return False
         counted = False
         for opcode, place, length in _records(self.file, self.summary, self.end):
-            if opcode not in (SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS):
+            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK_INDEX, Opcode.STATISTICS):
                 continue
             fields = _Fields(self._read(place, length))
-            if opcode == CHUNK_INDEX:
+            if opcode == Opcode.CHUNK_INDEX:
                 _, _, at, _ = fields.numbers("<QQQQ")
                 offsets = fields.bytes()
                 channels = (struct.unpack_from("<H", offsets, k)[0] for k in range(0, len(offsets) - 9, 10))
                 self.chunks.append(_Chunk(at, frozenset(channels)))
-            elif opcode == STATISTICS:
+            elif opcode == Opcode.STATISTICS:
                 total, *_, chunks, self.start_time, self.end_time = fields.numbers("<QHIIIIQQ")
                 counts = fields.bytes()
                 self.counts = Counter(dict(struct.unpack_from("<HQ", counts, k) for k in range(0, len(counts) - 9, 10)))
@@ -130,9 +153,9 @@ class McapFile:
         self.counts = Counter()
         self.start_time, self.end_time = 2**63 - 1, 0
         for opcode, data in self._contents(frozenset()):
-            if opcode in (SCHEMA, CHANNEL):
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._describe(opcode, _Fields(data))
-            elif opcode == MESSAGE:
+            elif opcode == Opcode.MESSAGE:
                 channel, _, time, _ = _Fields(data).numbers("<HIQQ")
                 self.counts[channel] += 1
                 self.start_time, self.end_time = min(self.start_time, time), max(self.end_time, time)
@@ -142,7 +165,7 @@ class McapFile:
         if len(self.schemas) + len(self.channels) > MAX_CHANNELS:
             raise McapError(f"more than {MAX_CHANNELS} types and channels")
         (key,) = fields.numbers("<H")
-        if opcode == SCHEMA:
+        if opcode == Opcode.SCHEMA:
             self.schemas[key] = name, _, data = fields.text(), fields.text(), fields.bytes()
             self.described += len(name) + len(data)
             if self.described > MAX_DESCRIPTION_BYTES:
@@ -159,7 +182,7 @@ class McapFile:
         """Yield channel, time of recording (ns) and data of the messages of these channels."""
         of = {one.id: one for one in wanted}
         for opcode, data in self._contents(frozenset(of)):
-            if opcode == MESSAGE:
+            if opcode == Opcode.MESSAGE:
                 channel, _, time, _ = _Fields(data).numbers("<HIQQ")
                 if channel in of:
                     yield of[channel], time, data[22:]
@@ -173,21 +196,21 @@ class McapFile:
             for chunk in self.chunks:
                 if not chunk.channels or chunk.channels & wanted:
                     found = _record(self.file, chunk.place, self.size)
-                    if found is None or found[0] != CHUNK:
+                    if found is None or found[0] != Opcode.CHUNK:
                         raise McapError(f"the index names a chunk at byte {chunk.place}, where there is none")
                     yield from self._in_chunk(found[1], found[2])
             return
         place = self.start
         for opcode, place, length in _records(self.file, self.start, self.end):
-            if opcode == END_OF_DATA:
+            if opcode == Opcode.END_OF_DATA:
                 return
-            if opcode == CHUNK:
+            if opcode == Opcode.CHUNK:
                 yield from self._in_chunk(place, length)
-            elif opcode == MESSAGE:
+            elif opcode == Opcode.MESSAGE:
                 head = self._read(place, min(length, 22))
                 whole = len(head) == 22 and struct.unpack_from("<H", head)[0] in wanted
                 yield opcode, self._read(place, length) if whole else head
-            elif opcode in (SCHEMA, CHANNEL):
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 yield opcode, self._read(place, length)
             place += length
         if not self.cut:
@@ -216,8 +239,8 @@ class McapFile:
         """Yield the complete records of a chunk that was cut off; none of a compressed one."""
         self.file.seek(place)
         data = self.file.read(MAX_CHUNK_BYTES)
-        name = RECORD_HEAD_BYTES + 28 + 4  # behind times, size, checksum, and the length of the compression's name
-        if len(data) >= name + 8 and data[0] == CHUNK and not any(data[name - 4 : name]):
+        name = RECORD_HEAD.size + 28 + 4  # behind times, size, checksum, and the length of the compression's name
+        if len(data) >= name + 8 and data[0] == Opcode.CHUNK and not any(data[name - 4 : name]):
             yield from _inner(data[name + 8 :])
 
     def close(self) -> None:
@@ -228,19 +251,19 @@ class McapFile:
 def _inner(content: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield the records of a chunk."""
     for opcode, place, length in _records(io.BytesIO(content), 0, len(content)):
-        if opcode in (SCHEMA, CHANNEL, MESSAGE):
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
             yield opcode, content[place : place + length]
 
 
 def _record(file: BinaryIO, place: int, end: int) -> tuple[int, int, int] | None:
     """Return opcode, place and length of the content of the record at a place; None: there is no complete one."""
     file.seek(place)
-    head = file.read(RECORD_HEAD_BYTES)
-    if len(head) < RECORD_HEAD_BYTES:
+    head = file.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
         return None
-    opcode, length = struct.unpack("<BQ", head)
-    after = place + RECORD_HEAD_BYTES + length
-    return (opcode, place + RECORD_HEAD_BYTES, length) if after <= end and opcode in OPCODES else None
+    opcode, length = RECORD_HEAD.unpack(head)
+    after = place + RECORD_HEAD.size + length
+    return (opcode, place + RECORD_HEAD.size, length) if after <= end and opcode in OPCODES else None
 
 
 def _records(file: BinaryIO, place: int, end: int) -> Iterator[tuple[int, int, int]]:

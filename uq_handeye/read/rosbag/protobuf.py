@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
+from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
 from ...core.numbers.limits import MAX_LISTED
@@ -20,14 +21,60 @@ Value: TypeAlias = float | int | str | bytes | Decoded | list["Value"]
 # needs up to a hundred times the memory of the encoded numbers.
 MAX_MESSAGE_BYTES = 1_000_000
 # Messages within messages; those that are read have four levels.
-MAX_DEPTH = 32
+MAX_MESSAGE_DEPTH = 32
 
-VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
-DOUBLE, FLOAT, INT64, UINT64, INT32, FIXED_64, FIXED_32, BOOL, TEXT, GROUP, MESSAGE, BINARY = range(1, 13)
-UINT32, ENUM, SFIXED32, SFIXED64, SINT32, SINT64 = range(13, 19)
+
+class WireType(IntEnum):
+    """Forms of the entries of an encoded message."""
+
+    VARINT = 0
+    FIXED64 = 1
+    BYTES = 2
+    FIXED32 = 5
+
+
+class FieldType(IntEnum):
+    """Types of fields in descriptors."""
+
+    DOUBLE = 1
+    FLOAT = 2
+    INT64 = 3
+    UINT64 = 4
+    INT32 = 5
+    FIXED64 = 6
+    FIXED32 = 7
+    BOOL = 8
+    TEXT = 9
+    GROUP = 10
+    MESSAGE = 11
+    BINARY = 12
+    UINT32 = 13
+    ENUM = 14
+    SFIXED32 = 15
+    SFIXED64 = 16
+    SINT32 = 17
+    SINT64 = 18
+
+
+class Label(IntEnum):
+    """Whether a field in a descriptor is a list."""
+
+    OPTIONAL = 1
+    REQUIRED = 2
+    REPEATED = 3
+
+
 # Format of the numbers of fixed length by their type.
-_FIXED = {DOUBLE: "<d", FLOAT: "<f", FIXED_64: "<Q", SFIXED64: "<q", FIXED_32: "<I", SFIXED32: "<i"}
-_REPEATED = 3
+_FIXED = {
+    FieldType.DOUBLE: "<d",
+    FieldType.FLOAT: "<f",
+    FieldType.FIXED64: "<Q",
+    FieldType.SFIXED64: "<q",
+    FieldType.FIXED32: "<I",
+    FieldType.SFIXED32: "<i",
+}
+# Defaults of types that are no integers.
+_ZEROS: dict[int, Value] = {FieldType.TEXT: "", FieldType.BINARY: b"", FieldType.DOUBLE: 0.0, FieldType.FLOAT: 0.0}
 
 
 class ProtobufError(ValueError):
@@ -58,8 +105,8 @@ class MessageTypes:
 
     def _add(self, descriptor: bytes, parent: str, depth: int) -> None:
         """Take a ``DescriptorProto`` and those that are nested in it."""
-        if depth > MAX_DEPTH:
-            raise ProtobufError(f"types nested more than {MAX_DEPTH} deep")
+        if depth > MAX_MESSAGE_DEPTH:
+            raise ProtobufError(f"types nested more than {MAX_MESSAGE_DEPTH} deep")
         name = f"{parent}.{_text(descriptor, 1)}".strip(".")
         self.fields[name] = dict(map(_field, _all(descriptor, 2)))
         for inner in _all(descriptor, 3):
@@ -73,8 +120,8 @@ class MessageTypes:
         return lambda data: self._decoded(bytes(data), name, 0)
 
     def _decoded(self, data: bytes, name: str, depth: int) -> Decoded:
-        if len(data) > MAX_MESSAGE_BYTES or depth > MAX_DEPTH:
-            raise ProtobufError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB or {MAX_DEPTH} levels")
+        if len(data) > MAX_MESSAGE_BYTES or depth > MAX_MESSAGE_DEPTH:
+            raise ProtobufError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB or {MAX_MESSAGE_DEPTH} levels")
         fields = self.fields.get(name)
         if fields is None:
             raise ProtobufError(f"its descriptors lack the type {name[:80]!r}")
@@ -93,11 +140,11 @@ class MessageTypes:
 
     def _values(self, field: Field, value: int | bytes, depth: int) -> list[Value]:
         """Return the values of one entry; several of a packed list."""
-        if field.type == MESSAGE:
+        if field.type == FieldType.MESSAGE:
             return [self._decoded(_bytes(value), field.type_name, depth + 1)]
-        if field.type == TEXT:
+        if field.type == FieldType.TEXT:
             return [_bytes(value).decode(errors="replace")]
-        if field.type == BINARY:
+        if field.type == FieldType.BINARY:
             return [_bytes(value)]
         if field.type in _FIXED:
             data = _bytes(value)
@@ -114,9 +161,9 @@ def _field(descriptor: bytes) -> tuple[int, Field]:
     numbers: dict[int, int] = {key: value for key, value in _entries(descriptor) if isinstance(value, int)}
     kind = numbers.get(5, 0)
     optional = bool(numbers.get(17, 0))
-    zero: Value = "" if kind == TEXT else b"" if kind == BINARY else 0.0 if kind in (DOUBLE, FLOAT) else 0
-    default = None if kind in (MESSAGE, GROUP) or optional else zero
-    repeated = numbers.get(4, 1) == _REPEATED
+    zero = _ZEROS.get(kind, 0)
+    default = None if kind in (FieldType.MESSAGE, FieldType.GROUP) or optional else zero
+    repeated = numbers.get(4, Label.OPTIONAL) == Label.REPEATED
     return numbers.get(3, 0), Field(_text(descriptor, 1), kind, _text(descriptor, 6).lstrip("."), repeated, default)
 
 
@@ -126,12 +173,12 @@ def _entries(data: bytes) -> Iterator[tuple[int, int | bytes]]:
     while place < len(data):
         key, place = _varint(data, place)
         number, wire = key >> 3, key & 7
-        if wire == VARINT:
+        if wire == WireType.VARINT:
             value, place = _varint(data, place)
             yield number, value
             continue
-        length = {FIXED64: 8, FIXED32: 4}.get(wire)
-        if wire == BYTES:
+        length = {WireType.FIXED64: 8, WireType.FIXED32: 4}.get(wire)
+        if wire == WireType.BYTES:
             length, place = _varint(data, place)
         if length is None:
             raise ProtobufError(f"an entry of the wire type {wire}")
@@ -160,9 +207,9 @@ def _varints(data: bytes) -> Iterator[int]:
 
 def _integer(value: int, kind: int) -> int:
     """Return an integer with its sign."""
-    if kind in (SINT32, SINT64):
+    if kind in (FieldType.SINT32, FieldType.SINT64):
         return (value >> 1) ^ -(value & 1)
-    if kind in (INT32, INT64, ENUM) and value >= 2**63:
+    if kind in (FieldType.INT32, FieldType.INT64, FieldType.ENUM) and value >= 2**63:
         return value - 2**64
     return value
 
