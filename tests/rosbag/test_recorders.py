@@ -16,9 +16,10 @@ from scipy.stats import chi2
 from support import difference
 
 import uq_handeye as uq
+from uq_handeye.core.numbers.limits import MAX_MESSAGE_BYTES
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.read.rosbag.listing import command_of, text_of
-from uq_handeye.read.rosbag.protobuf import MAX_MESSAGE_BYTES, MessageTypes, ProtobufError
+from uq_handeye.read.rosbag.protobuf import MessageTypes, ProtobufError
 from uq_handeye.read.rosbag.recording import read_recording
 from uq_handeye.read.rosbag.sensors import Sensors
 from uq_handeye.read.rosbag.streams import camera_stream, robot_stream

@@ -9,7 +9,9 @@ a compressed file unpacks to is counted before it is read. Source: MathWorks, "M
 from __future__ import annotations
 
 import io
+import struct
 import zlib
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -26,8 +28,14 @@ from .opencv_storage import joined_pairs
 
 START = b"MATLAB 5.0 MAT-file"
 HELP = "docs/formats.md, MATLAB"
-# Bytes of the header of a file, and type of a compressed element.
-_HEADER, _COMPRESSED = 128, 15
+# Header of a file: text, place of further data, version, order of bytes.
+_HEADER = struct.Struct("116s8s2s2s")
+
+
+class ElementType(IntEnum):
+    """Types of the elements of a file that are told apart here."""
+
+    COMPRESSED = 15
 
 
 def read_mat(data: bytes, name: str) -> Contents:
@@ -103,12 +111,12 @@ def _numbers_of(values: Any) -> Array | None:
 def _check_size(data: bytes, name: str) -> None:
     """Raise `InputError` for a file that unpacks to more than `MAX_TABLE_BYTES`, or is cut off."""
     order = "little" if data[126:128] == b"IM" else "big"
-    at, total = _HEADER, 0
+    at, total = _HEADER.size, 0
     while at + 8 <= len(data):
         kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
         if at + 8 + size > len(data):
             raise InputError(f"{name}: the file is cut off: it declares more than it holds.")
-        if kind == _COMPRESSED:
+        if kind == ElementType.COMPRESSED:
             unpacker = zlib.decompressobj()
             piece = data[at + 8 : at + 8 + size]
             while piece and total <= MAX_TABLE_BYTES:

@@ -13,9 +13,7 @@ from ..formats.contents import FRAMES, Side, finished_covariance
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
-
-# Difference of two times of one pose (s) that comes from rounding on the clock of the other sensor.
-MAX_ROUNDING_S = 1e-6
+from .pairing_by_time import SYNCHRONOUS_S
 
 
 def camera_covariance(
@@ -56,9 +54,9 @@ def with_covariance(poses: PosePairs, camera: Stream) -> PosePairs:
         return poses
     order = np.argsort(camera.timestamps)
     times = camera.timestamps[order]
-    rows = order[np.clip(np.searchsorted(times, poses.timestamps - MAX_ROUNDING_S), 0, len(times) - 1)]
+    rows = order[np.clip(np.searchsorted(times, poses.timestamps - SYNCHRONOUS_S), 0, len(times) - 1)]
     apart = np.abs(camera.timestamps[rows] - poses.timestamps)
-    if apart.max() > MAX_ROUNDING_S or not np.allclose(camera.poses[rows], poses.camera, rtol=0.0, atol=1e-9):
+    if apart.max() > SYNCHRONOUS_S or not np.allclose(camera.poses[rows], poses.camera, rtol=0.0, atol=1e-9):
         return poses
     S = JointCovariance.of_each(camera.covariance[rows])
     return replace(poses, camera_covariance=S, camera_read_as=camera.read_as)

@@ -21,6 +21,7 @@ from ..core.numbers.limits import MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..findings import Finding
 from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
+from ..fit.input_checks.covariance_convention import MAX_POSES
 from ..model.kinematics.against_controller import MAX_MEDIANS, compare_with_controller
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.forward import LEVER_M
@@ -40,8 +41,6 @@ from ..model.poses.residuals import rotation_angles
 from .joints import Joints
 from .readings import DECISIVE_RATIO
 
-# Poses that are looked at; one reading holds for all rows of a file.
-MAX_POSES_TRIED = 60
 # Rows are left out whose rotations against the others differ from the camera's by more than `MAX_MEDIANS` medians and
 # this angle, unless fewer than this share would stay.
 MIN_APART_RAD, MIN_SHARE_OF_ROWS = np.radians(0.5), 0.7
@@ -73,7 +72,7 @@ def read_by_the_poses(poses: PosePairs, arm: Joints, series: Array | None, by_co
     assert poses.joints is not None
     if poses.n < MIN_POSES_TO_DECIDE:
         return poses
-    chain, rows = arm.kinematics, np.unique(np.linspace(0, poses.n - 1, min(poses.n, MAX_POSES_TRIED)).astype(int))
+    chain, rows = arm.kinematics, np.unique(np.linspace(0, poses.n - 1, min(poses.n, MAX_POSES)).astype(int))
     few = PosePairs(poses.robot[rows], poses.camera[rows], poses.setup, joints=poses.joints[rows])
 
     def misfit(q: Array) -> _Misfit:

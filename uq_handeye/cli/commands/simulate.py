@@ -8,7 +8,7 @@ from ..names import SETUP_NAMES
 from ..noise import NoiseOptions, exact_other_side, require_of_poses, without_poses
 from ..printing import emit
 
-MAX_POSES = 1_000_000  # about 1 GB of memory
+MAX_SIMULATED_POSES = 1_000_000  # about 1 GB of memory
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def simulate_command(
         raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")
     if seed < 0:
         raise InputError(f"Expected --seed to be 0 or more, got {seed}.")
-    if not 1 <= n_poses <= MAX_POSES:
-        raise InputError(f"Expected --poses to be from 1 to {MAX_POSES}, got {n_poses}.")
+    if not 1 <= n_poses <= MAX_SIMULATED_POSES:
+        raise InputError(f"Expected --poses to be from 1 to {MAX_SIMULATED_POSES}, got {n_poses}.")
     near, _, far = distance.partition(",")
     poses = simulate(n_poses, noise=noise, setup=setup, distance=(near, far or near), tilt=tilt, roll=roll, seed=seed)
     if poses.truth is None or poses.timestamps is None:

@@ -18,8 +18,8 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6
 
 # Factors from SI units to those that people read.
 DEG_PER_RAD = 180.0 / math.pi
-MM_PER_M = 1e3
-MS_PER_S = 1e3
+MM_PER_M = 1.0 / LENGTH_UNITS["mm"]
+MS_PER_S = 1.0 / TIME_UNITS["ms"]
 
 # Factor and unit in which people read relative numbers, angles and times that are small.
 _SMALL = {"m": (1e3, "mm"), "": (1e2, "%"), "rad": (1e3, "mrad"), "s": (1e3, "ms")}

@@ -16,12 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError, NotConvergedError
+from ..numbers.iterations import MAX_STEPS
 from ..numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from .checks import as_covariance, as_pose, as_transforms, checked_covariance
 from .se3 import Array, block, difference, inverse, inverse_jacobian, left_jacobian, perturb, skew
-
-# Largest number of steps to the pose of least squares.
-MAX_STEPS = 20
 
 
 def covariance_of_inverse(T: ArrayLike, covariance: ArrayLike) -> Array:

@@ -10,6 +10,9 @@ from __future__ import annotations
 MAX_DESCRIPTION_BYTES = 20_000_000
 # Tables, arrays and results: a million poses with their covariances.
 MAX_TABLE_BYTES = 1_000_000_000
+# A message, or the metadata of a recording, that becomes objects: Python needs up to a hundred times the memory of the
+# encoded numbers, and a YAML parser of its text. Usual ones have some ten thousand.
+MAX_MESSAGE_BYTES = 1_000_000
 # Beginning of a file by which its format is recognised.
 HEAD_BYTES = 65_536
 # A file that is uploaded in the live page.

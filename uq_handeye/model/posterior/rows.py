@@ -38,6 +38,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import chdtrc, chdtri, chndtr
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import POWER, UNUSUAL
 from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ..noise.cholesky import checked_cholesky, substitute
@@ -295,7 +296,7 @@ class PredictiveReference(ReadOnlyArrays):
 
         return float(brentq(lambda x: self.p_value(x) - (1.0 - level), ends.min(), ends.max(), rtol=1e-6))
 
-    def power(self, noncentrality: float, level: float = 0.05) -> float:
+    def power(self, noncentrality: float, level: float = UNUSUAL.probability) -> float:
         """Probability that a change of this noncentrality ``delta^T I delta`` shows at the level."""
         return self._power(noncentrality, self.quantile(1.0 - level))
 
@@ -303,7 +304,7 @@ class PredictiveReference(ReadOnlyArrays):
         below = chndtr(limit / self.scale, self.dof, noncentrality / self.scale)
         return float(np.clip(1.0 - self.weight @ below, 0.0, 1.0))
 
-    def noncentrality(self, power: float = 0.95, level: float = 0.05) -> float:
+    def noncentrality(self, power: float = POWER.probability, level: float = UNUSUAL.probability) -> float:
         """Return the noncentrality that shows with the probability ``power``."""
         limit = self.quantile(1.0 - level)
         high = limit

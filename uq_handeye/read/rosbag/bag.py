@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ...core.files.one_line import one_line, refused
 from ...core.files.open import reason, require_size, shown
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_MESSAGE_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
 from .decompression import TooLarge, bound_the_reader
@@ -38,8 +38,6 @@ Key: TypeAlias = tuple[int, str, str]
 # The first bytes of each kind of bag, by its suffix, and of a compressed file.
 MAGIC = {".bag": b"#ROSBAG", ".mcap": MCAP_MAGIC, ".db3": b"SQLite format 3\0"}
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-# A YAML parser needs much more memory than its text has bytes; usual metadata have some ten thousand.
-MAX_METADATA_BYTES = 1_000_000
 HINT = "uq-handeye bag lists what a bag holds (docs/how-to/ros.md)"
 
 
@@ -179,7 +177,7 @@ def _located(path: Path) -> Path:
             _require_bag(path, name)
             return path
         if (metadata := path / "metadata.yaml").exists():
-            require_size(os.path.getsize(metadata), MAX_METADATA_BYTES, metadata)
+            require_size(os.path.getsize(metadata), MAX_MESSAGE_BYTES, metadata)
             return path
         inside = sorted(one for one in path.iterdir() if one.suffix.lower() in MAGIC)
     except OSError as error:

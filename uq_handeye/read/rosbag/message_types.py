@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...core.files.trees import parse_toml, parse_tree
+from ...core.numbers.limits import MAX_MESSAGE_BYTES
 from ...formats.ros_messages import printed_name
 from .mcap import McapChannel
-from .protobuf import MAX_MESSAGE_BYTES, MessageTypes, ProtobufError
+from .protobuf import MessageTypes, ProtobufError
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

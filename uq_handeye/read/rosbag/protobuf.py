@@ -12,14 +12,11 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
-from ...core.numbers.limits import MAX_LISTED
+from ...core.numbers.limits import MAX_LISTED, MAX_MESSAGE_BYTES
 
 Decoded: TypeAlias = dict[str, "Value"]
 Value: TypeAlias = float | int | str | bytes | Decoded | list["Value"]
 
-# Poses, transforms and joint values of one moment, and the descriptors of their types, have some kilobytes. Python
-# needs up to a hundred times the memory of the encoded numbers.
-MAX_MESSAGE_BYTES = 1_000_000
 # Messages within messages; those that are read have four levels.
 MAX_MESSAGE_DEPTH = 32
 
@@ -65,7 +62,7 @@ class Label(IntEnum):
 
 
 # Format of the numbers of fixed length by their type.
-_FIXED = {
+_FIXED: dict[int, str] = {
     FieldType.DOUBLE: "<d",
     FieldType.FLOAT: "<f",
     FieldType.FIXED64: "<Q",
@@ -177,7 +174,7 @@ def _entries(data: bytes) -> Iterator[tuple[int, int | bytes]]:
             value, place = _varint(data, place)
             yield number, value
             continue
-        length = {WireType.FIXED64: 8, WireType.FIXED32: 4}.get(wire)
+        length = 8 if wire == WireType.FIXED64 else 4 if wire == WireType.FIXED32 else None
         if wire == WireType.BYTES:
             length, place = _varint(data, place)
         if length is None:

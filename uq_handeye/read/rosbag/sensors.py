@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ...model.camera.adjustment.two_minima import Minima
 
 # Poses that are at least so far apart (s) are taken one by one where the stamps of both sides are the same.
-MIN_INTERVAL_S = 0.3
+MIN_SINGLE_POSE_INTERVAL_S = 0.3
 # Stamps of one pose differ by at most this share of the interval between poses.
 MAX_STAMP_SHARE = 0.1
 # A rotation (rad) between neighbouring poses across which nothing is interpolated.
@@ -65,9 +65,9 @@ class Sensors:
         """Return the pairs of poses that were recorded one by one, by their stamps; None where the robot was tracked.
 
         Poses of a recording are taken one by one if both sides have few of them with the same stamps: seconds apart and
-        at most a tenth of that from each other; or `MIN_INTERVAL_S` apart or more, if their motion does not tell an
-        offset, and the stamps are equal or the robot is elsewhere each time. Between them nothing is interpolated, so
-        an offset of the clocks has no meaning.
+        at most a tenth of that from each other; or `MIN_SINGLE_POSE_INTERVAL_S` apart or more, if their motion does not
+        tell an offset, and the stamps are equal or the robot is elsewhere each time. Between them nothing is
+        interpolated, so an offset of the clocks has no meaning.
         """
         r, c = (np.sort(side.timestamps) for side in (self.robot, self.camera))
         if len(self.recorded) < 2 or self.still or min(len(r), len(c)) < MIN_POSES:
@@ -75,7 +75,7 @@ class Sensors:
         interval = float(min(np.median(np.diff(times)) for times in (r, c)))
         elsewhere = interval > MAX_INTERVAL_S or _jumps(self.robot)
         tolerance = MAX_STAMP_SHARE * interval if elsewhere else SYNCHRONOUS_S
-        if interval < MIN_INTERVAL_S:
+        if interval < MIN_SINGLE_POSE_INTERVAL_S:
             return None
         try:
             match = match_times(_side("robot", self.robot), _side("camera", self.camera), tolerance)

@@ -179,7 +179,7 @@ class Page(BrowserPage):
         self.session.require_own()
         robot, _, camera = self._frames.value.partition(",")
         path = keep_bag(self.session.folder.path, name, content)
-        source = Playback(*read_bag(path, robot=robot.strip(), camera=camera.strip()), name=path.name)
+        source = Playback(*read_bag(path, robot=robot.strip(), camera=camera.strip()), interval=0.0, name=path.name)
         self._work(lambda: feed(self.session, source, self._stop))
 
     def _add_touches(self, name: str, content: bytes) -> None:

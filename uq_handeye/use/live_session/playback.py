@@ -20,7 +20,7 @@ class Playback:
     on_demand = False
 
     def __init__(
-        self, robot: Stream, camera: Stream, interval: float = 0.0, how: Mapping[str, Any] | None = None,
+        self, robot: Stream, camera: Stream, interval: float, how: Mapping[str, Any] | None = None,
         name: str = "bag", pause: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
         self.name, self._interval, self._pause, self._next = name, interval, pause, 0

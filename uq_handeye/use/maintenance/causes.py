@@ -133,7 +133,7 @@ def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: P
     d2, N = evidence.d2, evidence.dof
     found: list[tuple[float, Cause]] = []
 
-    def add(name: str, C: Array, more: float = 0.0, row: int | None = None) -> None:
+    def add(name: str, C: Array, more: float, row: int | None = None) -> None:
         of = evidence.explained_by(C)
         left, p = max(d2 - of.gain, 0.0), C.shape[-1]
         p_left = reference.p_value(left, N - p) if p < N else 1.0
@@ -142,7 +142,7 @@ def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: P
         found.append((bic, Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, deviance, row)))
 
     for name, C in columns.items():
-        add(name, C)
+        add(name, C, 0.0)
     m = len(evidence.r)
     if m >= MIN_POSES_FOR_ONE_WRONG:
         row, C = _most_outlying(evidence)
