@@ -126,7 +126,7 @@ def test_another_arm_is_refused_with_what_would_explain_it(rng):
     [("hc10", "turned by half a turn"), ("vs060", "half a turn"), ("rs007n", "a guess"), ("ur5e", "")],
 )
 def test_what_is_open_about_the_flange_of_an_arm(name, words):
-    """By the name of the chain, which stays when its frames are those of the controller."""
+    """Name the chain by its name, which stays when its frames are those of the controller."""
     about = about_flange(uq.Kinematics.from_name(name).name)
     assert words in about and bool(about) is bool(words)
     assert about_flange("six_axes") == ""

@@ -175,7 +175,7 @@ def test_noise_of_the_size_of_sampled_signs(rng):
 
 @pytest.mark.statistical
 def test_covariance_of_pair_noise_is_true_in_millimetres(rng):
-    """In metres, and for pairs of poses: `test_statistics_of_methods.py`."""
+    """Take metres; pairs of poses are in `test_statistics_of_methods.py`."""
     trials, N, unit = 300, 60, 1000.0
     X, A, B = exact_motions(rng, N)
     for T in (X, A, B):

@@ -325,7 +325,7 @@ def test_kinhec_by_what_was_measured(tmp_path):
 
 @pytest.mark.parametrize("below", [False, True])
 def test_frames_of_compas(tmp_path, below):
-    """As compas 2.15 writes them by ``json_dump``: two axes, of which the second need not be perpendicular."""
+    """Frames as compas 2.15 writes them by ``json_dump``: two axes, of which the second need not be perpendicular."""
     for name, side in (("robot.json", POSES.robot), ("camera.json", POSES.camera)):
         axes = [dict(zip(("xaxis", "yaxis", "point"), T[:3, [0, 1, 3]].T.tolist(), strict=True)) for T in side]
         frames = [{"dtype": "compas.geometry/Frame", "data": one, "guid": f"a{k}"} for k, one in enumerate(axes)]

@@ -119,7 +119,7 @@ def test_numbers_of_another_size_are_no_other_convention(factor):
 
 @pytest.mark.slow
 def test_many_poses_take_no_longer():
-    """Of 400 poses some decide, and one covariance of the robot for each is that of these poses."""
+    """Let some of 400 poses decide: one covariance of the robot for each is that of these poses."""
     poses, S = rig(3, count=400)
     robot = np.tile(ROBOT, (400, 1, 1))
     assert "ros" in names_of(found(poses, as_it_comes(poses, S, "ros"), robot))

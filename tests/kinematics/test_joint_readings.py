@@ -149,7 +149,7 @@ def test_joint_3_that_is_said_to_be_the_pendants(rig):
 
 
 def test_joint_3_where_the_poses_do_not_tell(rig):
-    """With J2 at rest at 0 both readings are the same; what was read stays, and nothing is said."""
+    """J2 at rest at 0: both readings are the same; what was read stays, and nothing is said."""
     _, poses = rig(CRX, true=lambda q: q * [1, 0, 1, 1, 1, 1])
     assert poses.findings == () and poses.joints[:, 1].max() == 0
 
@@ -227,7 +227,7 @@ def test_nothing_is_said_of_joints_that_nothing_explains(rig):
 
 @pytest.mark.parametrize(("given", "true"), [("ur3e", "ur5e"), ("m1013", "ur10e"), ("crx5ia", "crx10ial")])
 def test_joints_of_another_arm_of_the_table_are_named(rig, given, true):
-    """By the camera alone; all arms with its kinematics are named."""
+    """Arms by the camera alone: all with its kinematics are named."""
     arm = Kinematics.from_name(true)
     MIDDLE[arm] = known_arm(true).usual.mean(axis=1).tolist()
     _, poses = rig(arm, model=Kinematics.from_name(given))

@@ -184,7 +184,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path, rng, name):
 
 @pytest.mark.slow
 def test_sizes_that_a_file_declares_are_bounded(tmp_path):
-    """Of a sparse file nothing is read but what its records may hold, and definitions are bounded together."""
+    """Nothing of a sparse file is read but what its records may hold, and definitions are bounded together."""
     path = tmp_path / "cell.mcap"
     begin = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b"test"))
     size = 3_000_000_000

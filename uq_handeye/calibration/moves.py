@@ -1,4 +1,4 @@
-"""What did not stand still: a step in time of the camera or the target of poses side by side.
+"""Search for what did not stand still: a step in time of the camera or the target of poses side by side.
 
 X and W are tested for a step (`likelihood.steps_in_time`) with the noise and the weights of the fit. Where one is no
 chance, or poses in a row are rejected, the poses are taken as a rig of one view (`rig.single`), whose paths say what

@@ -18,7 +18,7 @@ from .names import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORL
 from .noise import Given, given_of, noise_of
 from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
-from .rigs import is_rig_file, named_camera, read_rig_file
+from .rig_files import is_rig_file, named_camera, read_rig_file
 from .touches import TouchesToUse
 from .values import naming_option, one_of
 from .views import Views, views_of

@@ -1,6 +1,5 @@
 """The commands for a rig of several cameras, targets and arms: calibrate, check, update, predict and plan."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,85 +11,23 @@ from .messages import given_options, quiet, timed, withheld
 from .names import AT_THE_BOUND, PAIRINGS, SETUP_NAMES
 from .noise import without_poses
 from .printing import emit
+from .rig_files import OF_FILES, named_files
 from .values import coordinates, one_of
 
 if TYPE_CHECKING:
-    from ..model.poses.pose_pairs import PosePairs
-    from ..model.shared_errors.shared_error import SharedError
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
     from .noise import Given
     from .pose_files import PoseFiles
-
-    Described = tuple[Rig, Any]
+    from .rig_files import Described
 
 
 # Options that a rig takes with a rig file, and with a file for each camera.
 _ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at", "--report",
            "--json", "--output", "--about", "--full-report", "--paper", "--quiet", "--verbose", "--no-color",
            "--log-file"}  # fmt: skip
-_OF_FILES = {"--camera", "--setup", "--pair", "--time-tolerance", "--robot-noise", "--camera-noise", "--noise",
-             "--robot-frame", "--camera-frame",
-             "--format", "--units", "--rotation", "--quaternion"}  # fmt: skip
-
-
-# What a rig file says itself: files, how they are read, noise, pictures, boards and arms.
-_SAID_BY_FILE = _OF_FILES | {
-    "CAMERA", "--offset", "--bag", "--robot", "--still", "--watch", "--images", "--board", "--square",
-    "--marker", "--dictionary", "--pattern", "--spacing", "--intrinsics", "--camera-matrix", "--image-size",
-    "--joints", "--joint-units", "--urdf", "--robot-model", "--dh", "--ur-calibration", "--base", "--tip",
-    "--touches", "--robot-prior", "--camera-prior", "--prior-factor",
-}  # fmt: skip
-
-
-def is_rig_file(file: Path | None) -> bool:
-    """Return whether a file in place of ROBOT describes a rig."""
-    return file is not None and file.suffix.lower() == ".toml"
-
-
-def read_rig_file(files: "PoseFiles") -> "Described":
-    """Return the rig of a file and its noise; only options that a rig file leaves open may be given."""
-    from ..rig.files.rig_file import read_rig
-
-    assert files.robot is not None
-    if wrong := [name for name in given_options() if name in _SAID_BY_FILE]:
-        raise InputError(f"{', '.join(wrong)}: a rig file says that itself. Remove it, or change {files.robot}.")
-    return read_rig(files.robot)
-
-
-def several_cameras(described: "Described | None", cameras: tuple[str, ...]) -> bool:
-    """Return whether a rig has several cameras, targets or arms: all others are poses side by side."""
-    if described is None:
-        return len(cameras) > 1
-    from ..rig.single import is_single
-
-    return not is_single(described[0])
-
-
-def named_camera(files: "PoseFiles", cameras: tuple[str, ...]) -> "tuple[PoseFiles, str | None]":
-    """Return the files with the one of ``--camera NAME=FILE`` as CAMERA, and its name; as they are without."""
-    if not cameras:
-        return files, None
-    ((name, file),) = _named(cameras).items()
-    if files.camera is not None:
-        raise InputError(f"The camera is given twice, {files.camera} and --camera {cameras[0]}. Remove one of them.")
-    return replace(files, camera=file), name
-
-
-def poses_of_rig_file(
-    described: "Described", given: "Given"
-) -> "tuple[PosePairs, Any, list[SharedError] | None, dict[str, Any]]":
-    """Return poses, noise, shared errors and further arguments of `calibrate` of one camera in a rig file."""
-    from ..rig.single import single_of
-
-    poses, options = single_of(*described)
-    shared, noise = given.shared, options.pop("noise", None)
-    if "kinematics" in options and shared.robot_class is not None:
-        options["kinematic_errors"] = replace(options["kinematic_errors"], robot_class=shared.robot_class)
-        shared = replace(shared, robot_class=None)
-    return poses, noise, shared.errors(poses, noise), options
 
 
 def calibrate_rig_files(
@@ -128,7 +65,7 @@ def calibrate_rig_files(
 
 
 def _refuse_others(of_files: bool) -> None:
-    takes = _ALWAYS | (_OF_FILES if of_files else set())
+    takes = _ALWAYS | (OF_FILES if of_files else set())
     if wrong := [name for name in given_options() if name not in takes]:
         what = "several cameras (--camera NAME=FILE)" if of_files else "a rig file"
         raise InputError(f"{', '.join(wrong)}: not for {what}. Remove it.")
@@ -142,7 +79,7 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
     if given.prior is not None:
         raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
     setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
-    tolerance, reading, named = _tolerance(files), _reading(files), _named(cameras)
+    tolerance, reading, named = _tolerance(files), _reading(files), named_files(cameras)
     return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), without_poses(
         given.noise, "calibrate of a rig"
     )
@@ -160,19 +97,6 @@ def _tolerance(files: "PoseFiles") -> float:
     if files.time_tolerance is not None and how != "time":
         raise InputError("--time-tolerance needs --pair time. Add it.")
     return 0.0 if how is None else 0.02 if files.time_tolerance is None else files.time_tolerance
-
-
-def _named(cameras: Iterable[str]) -> dict[str, Path]:
-    """Return files by the names of cameras."""
-    named: dict[str, Path] = {}
-    for text in cameras:
-        name, _, file = (part.strip() for part in text.partition("="))
-        if not name or not file:
-            raise InputError(f"Expected --camera to be NAME=FILE such as left=left.csv, got {text!r}.")
-        if name in named:
-            raise InputError(f"The camera {name!r} is given twice, {named[name]} and {file}. Rename one of them.")
-        named[name] = Path(file)
-    return named
 
 
 def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
@@ -228,7 +152,7 @@ NEW_VIEWS = (
     "ROBOT",
     "--joints",
     "--joint-units",
-    *sorted(_OF_FILES - {"--setup", "--noise", "--robot-noise", "--camera-noise"}),
+    *sorted(OF_FILES - {"--setup", "--noise", "--robot-noise", "--camera-noise"}),
 )
 _EVERYWHERE = {"RESULT", "--json", "--output", "--quiet", "--verbose", "--no-color", "--log-file"}
 
@@ -280,7 +204,7 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     if rows is None:
         raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
     files = {}
-    for name, file in _named(new.cameras).items():
+    for name, file in named_files(new.cameras).items():
         camera, _, target = name.partition(":")
         if camera not in rig.cameras:
             raise InputError(f"--camera {name}: the rig has {', '.join(rig.cameras)}. Correct the name.")

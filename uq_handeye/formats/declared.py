@@ -28,7 +28,7 @@ _COMMENT = re.compile(r"^\s*(?:#|%|//|;)+\s*([A-Za-z][\w -]{0,40}?)\s*[:=]\s*([^
 
 @dataclass
 class Declared:
-    """What a file says of its poses; None and empty: nothing."""
+    """Declarations of a file about its poses; None and empty: nothing."""
 
     units: str | None = None
     angle: str | None = None

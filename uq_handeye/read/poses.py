@@ -167,7 +167,7 @@ class ReadRequest:
 
     @property
     def reading(self) -> CovarianceReading | None:
-        """How the covariances of camera poses are read; None: as the file says."""
+        """Reading of the covariances of camera poses; None: as the file says."""
         stated = self.covariance_convention
         return CovarianceReading.parse(stated) if isinstance(stated, str) else stated
 

@@ -190,7 +190,7 @@ class Estimated(Named, Record):
 
     @property
     def names(self) -> Names:
-        """What arm, camera and target are called."""
+        """Names of arm, camera and target."""
         return NAMES if self.data is None or self.data.poses is None else self.data.poses.names
 
     @cached_property

@@ -17,14 +17,8 @@ from ..delivery import (
 from ..messages import fail, progress_wanted, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
 from ..pose_prior import pose_prior_of
-from ..rigs import (
-    calibrate_rig_files,
-    is_rig_file,
-    named_camera,
-    poses_of_rig_file,
-    read_rig_file,
-    several_cameras,
-)
+from ..rig_files import is_rig_file, named_camera, poses_of_rig_file, read_rig_file, several_cameras
+from ..rigs import calibrate_rig_files
 from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:

@@ -69,7 +69,7 @@ class Truth(NamedTuple):
 
 
 class Names(NamedTuple):
-    """What arm, camera and target are called, as those of a rig are."""
+    """Names of arm, camera and target, as those of a rig have them."""
 
     arm: str = "arm"
     camera: str = "camera"
