@@ -33,6 +33,7 @@ from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, motions_of, problem_of
 from ..monte_carlo.consistency import MIN_TRIALS
 from ..monte_carlo.run import MonteCarlo, Running
+from ..monte_carlo.stopping import BLOCK_TRIALS
 from ..outcome import noise_of_data, place_of
 from ..resumable import identity_of
 from .relations import Evidence, relations
@@ -49,7 +50,7 @@ def cross_check(
     *,
     noise: Noise | None = None,
     pairs: str | ArrayLike = "all",
-    trials: int = 10_000,
+    trials: int = BLOCK_TRIALS,
     seed: int = 0,
     posterior: bool = True,
     **how: Any,

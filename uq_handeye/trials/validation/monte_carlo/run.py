@@ -79,7 +79,7 @@ class Trials(Running):
     digits: int | None = None
 
     def __post_init__(self) -> None:
-        trials = (10_000 if self.digits is None else KEPT) if self.trials is None else self.trials
+        trials = (BLOCK_TRIALS if self.digits is None else KEPT) if self.trials is None else self.trials
         require_integer("trials", trials, 2)
         if trials > MAX_TRIALS:
             raise InputError(f"Expected `trials` to be at most {MAX_TRIALS:,}, got {trials:,}.")
