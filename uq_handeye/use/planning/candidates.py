@@ -34,7 +34,7 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def sample_candidates(
-    data: PosePairs, X: Array, W: Array, n: int, *, seed: int | np.random.Generator = 0, grown: float = 0.15
+    data: PosePairs, X: Array, W: Array, n: int, *, seed: int | np.random.Generator, grown: float = 0.15
 ) -> Array:
     """Up to ``n`` robot poses ``base_T_gripper`` (m, 4, 4) around the target, near the poses so far; see the module.
 
