@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -30,12 +29,8 @@ START = b"MATLAB 5.0 MAT-file"
 HELP = "docs/formats.md, MATLAB"
 # Header of a file: text, place of further data, version, order of bytes.
 _HEADER = struct.Struct("116s8s2s2s")
-
-
-class ElementType(IntEnum):
-    """Types of the elements of a file that are told apart here."""
-
-    COMPRESSED = 15
+# Type of a compressed element.
+_COMPRESSED = 15
 
 
 def read_mat(data: bytes, name: str) -> Contents:
@@ -116,7 +111,7 @@ def _check_size(data: bytes, name: str) -> None:
         kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
         if at + 8 + size > len(data):
             raise InputError(f"{name}: the file is cut off: it declares more than it holds.")
-        if kind == ElementType.COMPRESSED:
+        if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
             piece = data[at + 8 : at + 8 + size]
             while piece and total <= MAX_TABLE_BYTES:
