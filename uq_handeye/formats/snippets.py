@@ -165,9 +165,9 @@ def opencv_name(X: Transform) -> str:
     return f"{short_names.get(X.child, X.child)}2{short_names.get(X.parent, X.parent)}"
 
 
-def urdf_joint(X: Transform) -> str:
+def urdf_joint(X: Transform, digits: int = 12) -> str:
     """The fixed joint that puts the child's link where X says."""
-    xyz, rpy = (" ".join(f"{v:.12g}" for v in values) for values in (X.t, fixed_axis_angles(X.R)))
+    xyz, rpy = (" ".join(f"{v:.{digits}g}" for v in values) for values in (X.t, fixed_axis_angles(X.R)))
     return (
         f'<joint name="{X.parent}_to_{X.child}" type="fixed">\n'
         f'  <parent link="{X.parent}"/>\n'
