@@ -250,7 +250,7 @@ class Rig(ReadOnlyArrays):
     >>> poses = uq.simulate(n_poses=10, seed=1)
     >>> view = uq.View("left", "board", poses.camera)
     >>> rig = uq.Rig({"arm": poses.robot}, {"left": "arm"}, {"board": "world"}, [view])
-    >>> result = uq.calibrate_rig(rig, noise={"arm": ("0.5mrad", "0.3mm"), "left": ("1mrad", "0.5mm")})
+    >>> result = uq.calibrate(rig, noise={"arm": ("0.5mrad", "0.3mm"), "left": ("1mrad", "0.5mm")})
     >>> bool(np.allclose(result.cameras["left"].X, poses.truth.X, atol=1e-9))
     True
     """

@@ -54,7 +54,7 @@ class FieldType(IntEnum):
 
 
 class Label(IntEnum):
-    """Whether a field in a descriptor is a list."""
+    """Repetition of a field in a descriptor: a list or not."""
 
     OPTIONAL = 1
     REQUIRED = 2
