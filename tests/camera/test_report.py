@@ -278,7 +278,7 @@ def test_the_summary_says_why_this_model(right, pages):
     assert failed.split()[0] == "fisheye"
     assert "was given" in "".join(Page(pages["right"]).texts["models"])
     many = replace(right, candidates=candidates + tuple(Candidate("brown", ("k1",), 10.0 * k, 0.2) for k in range(9)))
-    assert "The other 7 were further off; -v" in many.summary() and "no fit" not in many.summary()
+    assert "The other 6 were further off; -v" in many.summary() and "no fit" not in many.summary()
     assert "further off" not in many.summary(details=True) and "no fit" in many.summary(details=True)
 
 
