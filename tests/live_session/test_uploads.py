@@ -60,7 +60,7 @@ def test_pictures_in_place_of_camera_poses(page, tmp_path):
     assert answer.result is not None and answer.poses.n >= 7, page.session.problem
     turn, shift = np.abs(answer.result.X - poses.truth.X)[:3, :3].max(), answer.result.X - poses.truth.X
     assert turn < 0.02 and np.linalg.norm(shift[:3, 3]) < 0.02
-    drawn = page._beside(answer.poses, answer.result).pictures
+    drawn = page._extras(answer.poses, answer.result).pictures
     assert len(drawn) == answer.poses.n and drawn[3][1]().shape == (180, 240, 3)
     again = Session(Folder(page.session.folder.path))  # the board is remembered
     assert again.update().n == answer.n and (page.session.folder.path / CHOICE).exists()
@@ -195,7 +195,7 @@ def test_touches_are_drawn_beside_each_answer(page):
         numbers = [*seen, *moved, 2e-4, *G[:3, 3], *Rotation.from_matrix(G[:3, :3]).as_quat()]
         rows.append(",".join(f"{x:.9g}" for x in numbers))
     page._add_touches("t.csv", "\n".join(rows).encode())
-    drawn = page._beside(page.session.answer.poses, page.session.answer.result).touched
+    drawn = page._extras(page.session.answer.poses, page.session.answer.result).touched
     np.testing.assert_allclose(drawn.points, points + np.array([0.0, 0.0, 0.05]), atol=1e-8)
     np.testing.assert_allclose(drawn.misses, np.tile([0.0, 0.0, 0.05], (3, 1)), atol=0.01)
     assert drawn.flagged.all() and "CONTRADICTED" in page._said.content
