@@ -174,6 +174,7 @@ def test_the_folder_of_a_bag_as_zip(page, tmp_path):
 )
 def test_hostile_bags_through_the_page(page, monkeypatch, content, words):
     monkeypatch.setattr(uploads, "MAX_UPLOAD_BYTES", 200_000)
+    monkeypatch.setattr(uploads, "MAX_TABLE_BYTES", 2_000_000)
     page._frames.value = "base:tool0,cam:tag"
     page._tried(lambda: page._play("cell.zip", content))
     assert words in page.session.notes[-1] and len(page.session.notes[-1]) < 300
