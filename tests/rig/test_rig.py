@@ -118,6 +118,8 @@ def test_what_one_camera_of_a_rig_brings_is_used():
     )
     known = uq.calibrate(replace(rig, known={"left": (poses.truth.X, 1e-12 * np.eye(6))}), noise=ONE)
     assert known.std.max() < 1.1e-6
+    with pytest.raises(uq.InputError, match="`prior_X` once"):
+        uq.calibrate(replace(rig, known={"left": (poses.truth.X, np.eye(6))}), prior_X=(poses.truth.X, np.eye(6)))
     new = uq.simulate(n_poses=5, seed=[3, 1], noise=ONE)
     assert uq.check(known, one_camera(new)).d2 == uq.check(known, new).d2
     with pytest.raises(uq.InputError, match="Expected new views of arm, left, board"):

@@ -124,7 +124,9 @@ def calibrate(
             require_left_out("of several cameras, targets or arms", exclude=exclude, only=only)
             return _calibrate_rig(data, **asked)
         data, options = single_of(data, asked.pop("noise", None))
-        asked = options | asked
+        if twice := [name for name in options if asked.get(name) is not None]:
+            raise InputError(f"Expected `{twice[0]}` once: the rig has it, too. Leave it out, or take it from the rig.")
+        asked |= options
     taken: Any = pairs_of(data, camera, setup)
     request = Request(**asked)
     if not isinstance(taken, PosePairs) or taken.robot.ndim != 3:

@@ -60,9 +60,11 @@ def moves(poses: PosePairs, noise: PoseNoise, of: Fit) -> list[Finding]:
 
         rig = rig_of_poses(some)
         graph = Graph.of(rig)
-        task = Task(rig, graph, {}, "efficient", True, True, 0)
+        parts = [] if of.prior is None else of.prior.parts()
+        prior = {start // 6: (mean, information) for _, start, mean, information in parts}
+        task = Task(rig, graph, prior, "efficient", True, True, 0)
         own = _noise_of(noise.rows(rows), some.n, order)
-        found = fit(graph, own, np.stack([of.X, of.W]), "efficient", weights)
+        found = fit(graph, own, np.stack([of.X, of.W]), "efficient", weights, prior=prior)
         findings = judged_paths(task, found)[1]
     except (NotConvergedError, DegenerateMotionError, SingularNoiseError, np.linalg.LinAlgError):
         return []  # the rest of the poses does not determine a step

@@ -81,7 +81,9 @@ def calibrate_command(
             options |= {} if arm is None else arm.of_calibrate
         else:
             poses, noise, shared, more = poses_of_rig_file(described, given)
-            options = more | {key: value for key, value in options.items() if value is not None or key not in more}
+            if twice := [name for name in more if options.get(name) is not None]:
+                raise InputError(f"{twice[0]} is in the rig file and among the options. Remove one of them.")
+            options |= more
         selection = files.selection(poses)
         try:
             with timed("calibrating"):
