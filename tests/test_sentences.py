@@ -44,6 +44,7 @@ NAMED = {
     "part": "rotation",
     "flag": "downweighted",
     "why": "too few",
+    "finding": WHY,
     "test": "normality",
     "name": "focal length",
     "length_of": "target",

@@ -70,7 +70,7 @@ from .closed_forms import closed_forms
 from .contradictions import against_corners, against_data_sheet, against_prior, shared_findings
 from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.parts import FourDPA
-from .findings import said_open, wrong_poses
+from .findings import MAX_REJECTED_SHARE, said_open, wrong_poses
 from .job import Job
 from .moves import moves
 from .prediction.workspace import local_findings
@@ -80,9 +80,6 @@ from .result import Calibration
 # The errors of an arm are linearised again where their second order moves its poses by more than this, in standard
 # deviations of X.
 MAX_SECOND_ORDER_SD = 0.05
-# Where a larger share of the poses is rejected, the program tests whether another reading of the files explains all
-# of them.
-MAX_REJECTED_SHARE = 0.15
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
 # Errors whose columns at other poses follow from the poses that they were bound to.

@@ -44,6 +44,7 @@ from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
 from .findings import flipped_poses, look_at, other_convention, reasons, require_determined, shifted, why_failed
 from .job import Job, job_of
+from .pair_findings import findings_of_pairs
 from .request import BUNDLE, Request, documented
 from .result import Calibration
 
@@ -163,7 +164,15 @@ def _calibrate_rig(
     require_left_out(where, **{name: others[name] for name, silent in left.items() if not silent})
     if shared:
         raise InputError(f"Expected no `shared` errors or none at all ([]) {where}, got {len(shared)}.")
-    return calibrate_rig(data, noise, method=method, robust=robust is not False, shared=shared is None, seed=seed)
+    try:
+        result = calibrate_rig(data, noise, method=method, robust=robust is not False, shared=shared is None, seed=seed)
+    except (InputError, NotConvergedError) as error:
+        error.findings = tuple(without_consequences(findings_of_pairs(data, None)))
+        warn(error.findings, 4)
+        raise
+    found = without_consequences([*result.findings, *findings_of_pairs(data, result)])
+    warn(found, 4)
+    return replace(result, findings=tuple(found))
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.geometry.conventions import CovarianceReading
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
@@ -34,6 +35,9 @@ from .request import Request, of_motions
 from .result import Calibration
 from .statement.checks import MAX_ROTATION_SD_RAD
 
+# Where a larger share of the poses is rejected, the program tests whether another reading of the files explains all
+# of them.
+MAX_REJECTED_SHARE = 0.15
 # Noise of the corners (pixels) that the input checks presume for finished poses whose noise is to be estimated.
 PRESUMED_CORNER_NOISE_PX = 1.0
 
@@ -135,13 +139,22 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
         bad = 0 if result.table is None else len(result.table.flagged)
         if bad < max(2, 0.05 * job.poses.n) and result.residuals.rotation_rms < SUSPICIOUS:
             return []
-    if (sorted_by_name := alphabetical_rows(job.poses)) is not None:
-        return [sorted_by_name]
-    if (shift := find_shift(job.poses)) is not None:
-        return [shift.finding]
     if result is None or result.table is None or result.W is None or result.table.item == "motion":
+        return misplaced_rows(job.poses)
+    return misplaced_rows(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
+
+
+def misplaced_rows(
+    poses: PosePairs, at: Unknowns | None = None, rejected: NDArray[np.bool_] | None = None
+) -> list[Finding]:
+    """Return a finding if rows are in another order, or shifted: all, or a run of those that a fit rejected."""
+    if (sorted_by_name := alphabetical_rows(poses)) is not None:
+        return [sorted_by_name]
+    if (shift := find_shift(poses)) is not None:
+        return [shift.finding]
+    if at is None or rejected is None:
         return []
-    run = shifted_run(job.poses, Unknowns(result.X, result.W), result.table.weight == 0)
+    run = shifted_run(poses, at, rejected)
     return [] if run is None else [run]
 
 

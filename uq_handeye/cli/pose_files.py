@@ -1,6 +1,7 @@
 """Options of two files of poses, and how they are read: as streams, or paired."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,24 @@ if TYPE_CHECKING:
 # Options that may name a value for each of the two files.
 OF_FILE = ("format", "units", "rotation", "quaternion")
 SIDES = ("robot", "camera")
+
+
+def values_of_files(text: str | None, option: str, cameras: Sequence[str]) -> dict[str, str | None]:
+    """Return the values of an option for the robot file and the files of cameras by name.
+
+    ``VALUE`` is for all files, ``camera=VALUE`` for all cameras, ``NAME=VALUE`` for the camera of that name.
+    """
+    if text is None or "=" not in text:
+        return dict.fromkeys(("robot", *cameras), text)
+    found: dict[str, str | None] = {}
+    for part in text.split(","):
+        side, _, value = (word.strip() for word in part.partition("="))
+        if side not in (*SIDES, *cameras) or side in found or not value:
+            raise InputError(
+                f"Expected {option} to be VALUE or NAME=VALUE of {', '.join(('robot', *cameras))}, got {text!r}."
+            )
+        found[side] = value
+    return {"robot": found.get("robot")} | {name: found.get(name, found.get("camera")) for name in cameras}
 
 
 def of_sides(text: str | None, option: str) -> tuple[str | None, str | None]:

@@ -4,12 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
-from .delivery import Wanted, deliver, deliver_answer
+from ..errors import InputError, NotConvergedError
+from .delivery import Wanted, deliver, deliver_answer, emit_refusal
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
 from .names import AT_THE_BOUND, PAIRINGS, SETUP_NAMES
 from .noise import without_poses
+from .pose_files import OF_FILE, values_of_files
 from .printing import emit
 from .rig_files import OF_FILES, named_files
 from .values import coordinates, one_of
@@ -42,7 +43,8 @@ def calibrate_rig_files(
 
     ``described``: rig and noise of a rig file; None: a file for each camera.
     """
-    from ..rig.calibrate import calibrate_rig
+    from ..calibration.calibrate import calibrate
+    from ..rig.result import RigCalibration
 
     given = data.given
     _refuse_others(described is None)
@@ -51,16 +53,20 @@ def calibrate_rig_files(
         raise InputError(f"Expected --shared to be defaults or none, got {given.shared.shared!r}.")
     with withheld() as shown, timed("reading"):
         rig, noise = described or _of_cameras(data.files, data.robot.cameras, given)
-        with timed("calibrating"):
-            result = calibrate_rig(
-                rig,
-                noise,
-                method=AT_THE_BOUND[0] if asked.method is None else one_of(asked.method, "--method", AT_THE_BOUND),
-                robust=asked.robust is not False,
-                shared=given.shared.shared != "none",
-                seed=asked.seed,
-            )
+        try:
+            with timed("calibrating"):
+                result = calibrate(
+                    rig,
+                    noise=noise,
+                    method=AT_THE_BOUND[0] if asked.method is None else one_of(asked.method, "--method", AT_THE_BOUND),
+                    robust=asked.robust,
+                    shared=[] if given.shared.shared == "none" else None,
+                    seed=asked.seed,
+                )
+        except (InputError, NotConvergedError) as error:
+            return emit_refusal(error, outputs.as_json, shown)
         shown += [] if outputs.as_json else result.warnings
+    assert isinstance(result, RigCalibration)  # of several cameras, targets or arms
     return deliver_rig(result, wishes, wanted, outputs)
 
 
@@ -79,7 +85,8 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
     if given.prior is not None:
         raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
     setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
-    tolerance, reading, named = _tolerance(files), _reading(files), named_files(cameras)
+    tolerance, named = _tolerance(files), named_files(cameras)
+    reading = _reading(files, list(named))
     return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), without_poses(
         given.noise, "calibrate of a rig"
     )
@@ -99,15 +106,18 @@ def _tolerance(files: "PoseFiles") -> float:
     return 0.0 if how is None else 0.02 if files.time_tolerance is None else files.time_tolerance
 
 
-def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
-    """Return how files are read, by robot and camera."""
-    frames = (files.robot_frame, files.camera_frame)
-    return {
-        role: {"units": units, "format": format, "rotation": rotation, "frame": frame}
-        for role, units, format, rotation, frame in zip(
-            ("robot", "camera"), files.both_units, files.formats, files.rotations, frames, strict=True
-        )
-    }
+def _reading(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]]:
+    """Return how files are read, by robot and the names of cameras."""
+    of_files = {name: values_of_files(getattr(files, name), f"--{name}", cameras) for name in OF_FILE}
+    frames = values_of_files(files.camera_frame, "--camera-frame", cameras) | {"robot": files.robot_frame}
+    found = {}
+    for name, frame in frames.items():
+        form, order = of_files["rotation"][name], of_files["quaternion"][name]
+        if form is not None and order is not None:
+            raise InputError(f"--rotation and --quaternion are both given for the file of {name}. Remove one of them.")
+        found[name] = {"units": of_files["units"][name], "format": of_files["format"][name], "rotation": form or order,
+                       "frame": frame}  # fmt: skip
+    return found
 
 
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
@@ -195,7 +205,8 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     arm, *others = rig.arms
     if others:
         raise InputError("The rig has several arms: give the new views as a rig file, e.g. today.toml.")
-    tolerance, reading = _tolerance(new.files), _reading(new.files)
+    named = named_files(new.cameras)
+    tolerance, reading = _tolerance(new.files), _reading(new.files, [name.partition(":")[0] for name in named])
     rows = None if robot is None else read_rows(robot, "robot", **reading["robot"])
     if new.joints is not None:
         if (chain := rig.arms[arm].kinematics) is None:
@@ -204,7 +215,7 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     if rows is None:
         raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
     files = {}
-    for name, file in named_files(new.cameras).items():
+    for name, file in named.items():
         camera, _, target = name.partition(":")
         if camera not in rig.cameras:
             raise InputError(f"--camera {name}: the rig has {', '.join(rig.cameras)}. Correct the name.")
@@ -212,7 +223,7 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
         if not target and len(seen) > 1:
             raise InputError(f"The camera {camera!r} sees {', '.join(seen)}. Give --camera {camera}:{seen[0]}=FILE.")
         files[camera, target or seen[0]] = file
-    found = views_of_files(rows, arm, files, rig.cameras, rig.targets, tolerance, reading["camera"])
+    found = views_of_files(rows, arm, files, rig.cameras, rig.targets, tolerance, reading)
     if rows.joints is None:
         return found
     return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].robot_class)})

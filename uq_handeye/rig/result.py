@@ -35,7 +35,10 @@ class RigCalibration(RigPoses):
 
     def text(self) -> str:
         """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
-        lines = [f"NOT USABLE: {reason}" for reason in self.reasons]
+        failures = {str(one): one.phrase for one in self.findings if one.severity == "failure"}
+        lines = [
+            f"NOT USABLE: {f'{failures[reason]}. ' if reason in failures else ''}{reason}" for reason in self.reasons
+        ]
         lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
         for one in self.every:
             turn, shift = one.sizes

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..core.formatting.numbers import probability
-from ..findings import RESIDUALS, sentence
+from ..findings import INPUT, RESIDUALS, Finding, Values, sentence
 
 # Poses with the views of their copy: name, and by which partner or since which robot pose.
 Paths = Sequence[Mapping[str, Any]]
@@ -77,4 +77,41 @@ def _(path: str, angle: float, shift: float, chi_square: float, p: float) -> str
         f"Two ways to one pose disagree ({path}): by {_by(angle, shift)} (chi-square {chi_square:.0f}, "
         f"{probability(p)}), and no move of one pose explains it. Look at the intrinsics, the sizes of the targets, "
         "the accuracy of the arm and the noise given."
+    )
+
+
+def _of_file(values: Values) -> Finding:
+    return Finding.from_dict(values["finding"])
+
+
+def _named_phrase(camera: str, phrase: str) -> str:
+    return phrase if camera in phrase.split() else f"{camera}: {phrase}"
+
+
+@sentence(
+    "rig.of_camera",
+    check=INPUT,
+    phrase=lambda values: _named_phrase(values["camera"], _of_file(values).phrase),
+    remedy=lambda values: _of_file(values).remedy,
+    effect=lambda values: _of_file(values).effect,
+    explains=lambda values: _of_file(values).explains,
+    rank=0,
+)
+def _(camera: str, target: str, finding: Mapping[str, Any]) -> str:
+    return f"Camera {camera} with {target}: {Finding.from_dict(finding)}"
+
+
+@sentence(
+    "rig.same_views",
+    check=INPUT,
+    phrase="{one} and {two} hold the same poses",
+    explains=True,
+    rank=0,
+    remedy="give the file of each {what}: --camera NAME=FILE, or `file` of its view in the rig file",
+)
+def _(what: str, one: str, two: str, count: int, sources: Sequence[str]) -> str:
+    files = f" ({', '.join(dict.fromkeys(sources))})" if sources else ""
+    return (
+        f"The {what}s {one} and {two} hold the same poses, {count} of them{files}: one file was given for both. Give "
+        f"the file of each {what} (--camera NAME=FILE, or `file` of its view in the rig file)."
     )

@@ -59,6 +59,7 @@ WIDTH = "half width of targets"
 MAX_VIEWS_FOR_SIZES = 600
 # The linearisation has converged where a step moves the poses by less, in standard deviations.
 MAX_CONVERGED_STEP_SD = 0.02
+NOT_CONVERGED = "Noise estimation of the rig did not converge. Give the noise, or look for outliers."
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
 ALL_TARGETS = "all targets"
 # Names of the errors that all poses of an arm, a camera or a target share.
@@ -240,13 +241,16 @@ def find_sizes(
         model = model_of(rig, used, own, at, task.prior)
         mode = find_mode(model, theta, GAIN if done else max(GAIN, 1e-2))
         theta = mode.theta
-        found = model.of_poses(theta)
+        with np.errstate(over="ignore", invalid="ignore"):  # of files that do not fit at all
+            found = model.of_poses(theta)
+        if not (np.isfinite(found.mean).all() and np.isfinite(found.covariance).all()):
+            raise NotConvergedError(NOT_CONVERGED)
         square = float(found.mean @ np.linalg.lstsq(found.covariance, found.mean, rcond=None)[0])
         if done and square < MAX_CONVERGED_STEP_SD**2 * len(found.mean):
             break
         at = perturb(at, (found.mean if done < 2 else 0.5 * found.mean).reshape(-1, 6))  # some go to and fro
     else:
-        raise NotConvergedError("Noise estimation of the rig did not converge. Give the noise, or look for outliers.")
+        raise NotConvergedError(NOT_CONVERGED)
     if not whole:
         one = Mixture(np.ones(1), theta[None], found.mean[None], found.covariance[None], np.ones(1), np.zeros(1))
         return replace(found_of(rig, graph, parts, one, np.zeros_like(found.covariance), width), theta=theta)

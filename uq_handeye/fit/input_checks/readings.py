@@ -1,6 +1,7 @@
 """Text on other readings of the two files: the meaning of each, short and in full, and the option that selects it.
 
-A reading is a mapping as `misread_files.other_readings` returns it: its ``kind`` and the values that belong to it.
+A reading is a mapping as `misread_files.other_readings` returns it: its ``kind`` and the values that belong to it. With
+``name``, its camera file is that of one camera of a rig, whose options and lines of the rig file are named.
 """
 
 from __future__ import annotations
@@ -29,9 +30,16 @@ class Words(NamedTuple):
     remedy: str
 
 
-def option_of(file: str, argument: str, value: str, other: str | None = None) -> str:
+def _line(key: str, value: str, name: str) -> str:
+    """Name the line of a rig file for the views of one camera."""
+    return f'{key} = "{value}" in the views of {name} in the rig file'
+
+
+def option_of(file: str, argument: str, value: str, other: str | None = None, name: str | None = None) -> str:
     """Name the argument and the option for one file: ``units=("m", "mm") (--units camera=mm)``."""
     second = "None" if other is None else f'"{other}"'
+    if name is not None and file == "camera":
+        return f"{_line(argument, value, name)} (--{argument} {name}={value})"
     pair = f'"{value}", {second}' if file == "robot" else f'{second}, "{value}"'
     return f"{argument}=({pair}) (--{argument} {file}={value})"
 
@@ -60,6 +68,8 @@ def in_words(reading: ReadingValues) -> Words:
 
 def _of_frame(v: ReadingValues) -> tuple[str, str, str, str]:
     setup, given, (side, frame) = v.get("setup"), v.get("given"), FRAMES[v["kind"]]
+    if (name := v.get("name")) is not None:
+        return _of_frame_in_rig(v, name)
     option = f"no {side}_frame (--{side}-frame)" if given else f'{side}_frame="{frame}" (--{side}-frame {frame})'
     remedy = f"run again {f'without --{side}-frame' if given else f'with --{side}-frame {frame}'}"
     short = f"the {side} file seems inverse, or the setup {setup}"
@@ -80,12 +90,28 @@ def _of_frame(v: ReadingValues) -> tuple[str, str, str, str]:
     return short, text, f'setup="{setup}" (--setup {setup}), or {option}', remedy
 
 
+def _of_frame_in_rig(v: ReadingValues, name: str) -> tuple[str, str, str, str]:
+    """Return the same of one camera of a rig, whose robot file the other cameras use, too."""
+    setup, given, (side, frame) = v.get("setup"), v.get("given"), FRAMES[v["kind"]]
+    option = f"--camera-frame {name}={frame}"
+    mount = f"{CAMERA[str(setup)]}, --setup {setup}, or `on` of camera and target in the rig file"
+    if side == "camera":
+        text = f"the file of {name} holds {'camera_T_target' if given else f'inverse poses, {frame}'}"
+        line = f"no frame (--camera-frame) for {name}" if given else f"{_line('frame', frame, name)} ({option})"
+        remedy = f"run again {f'without --camera-frame for {name}' if given else f'with {option}'}"
+        return f"the file of {name} seems inverse", text, line, f"{remedy}; or, {mount}"
+    text = f"the setup is {setup}, or the robot file holds {'base_T_gripper' if given else 'inverse poses'}"
+    short = f"the setup seems to be {setup}, or the camera file inverse"
+    return short, text, f"--setup {setup}, or `on` of camera and target in the rig file", f"{mount}; or with {option}"
+
+
 def _of_rotation(v: ReadingValues) -> tuple[str, str, str, str]:
     file, order = v.get("file"), v.get("order")
     value = str(order or v["kind"])
     of, who, seem = ("both files", "both files have", "both files seem")
     if file is not None:
-        of, who, seem = f"the {file} file", f"the {file} file has", f"the {file} file seems"
+        whose = _whose(file, v.get("name"))
+        of, who, seem = whose, f"{whose} has", f"{whose} seems"
     if v["kind"] == "transposed":
         argument, short, text = (
             "rotation",
@@ -96,12 +122,24 @@ def _of_rotation(v: ReadingValues) -> tuple[str, str, str, str]:
         place = "first" if order == "wxyz" else "last"
         argument, short = "quaternion", f"{seem} to have the quaternion's scalar {place}"
         text = f"{who} the scalar of the quaternion {place}"
-    option = f'{argument}="{value}" (--{argument} {value})' if file is None else option_of(file, argument, value)
-    return short, text, option, f"run again with --{argument} {'' if file is None else f'{file}='}{value}"
+    name = v.get("name")
+    line = "rotation" if name is not None else argument  # of a rig file, which has one word for both
+    option = f'{argument}="{value}" (--{argument} {value})'
+    option = option if file is None else option_of(file, line, value, name=name)
+    return short, text, option, f"run again with --{line} {'' if file is None else f'{_key(file, name)}='}{value}"
+
+
+def _whose(file: str, name: str | None) -> str:
+    return f"the file of {name}" if name is not None and file == "camera" else f"the {file} file"
+
+
+def _key(file: str, name: str | None) -> str:
+    """Name the file in the value of an option."""
+    return name if name is not None and file == "camera" else file
 
 
 def _of_scale(v: ReadingValues) -> tuple[str, str, str]:
-    file, unit, factor = v.get("file"), v.get("unit"), float(v["factor"])
+    file, unit, factor, name = v.get("file"), v.get("unit"), float(v["factor"]), v.get("name")
     known = file is not None and unit is not None
     if v.get("bag") and known:
         write, give = "with uq-handeye bag -o DIR", f"give --units {file}={unit}"
@@ -120,12 +158,13 @@ def _of_scale(v: ReadingValues) -> tuple[str, str, str]:
         )
         short = f"the target seems to be {digits(factor, 3)} times as large as given"
         return short, f"{cause}pictures", "measure the target and give its true size; else check the focal length"
-    short = f"the {file} file seems to be in {unit}" if known else "robot and camera seem to be in different units"
+    whose = _whose(str(file), name)
+    short = f"{whose} seems to be in {unit}" if known else "robot and camera seem to be in different units"
     cause = "one file is in another unit (--units robot=..., --units camera=...)"
     remedy = "check the units of both files (--units robot=..., --units camera=...) and the size of the target"
     if known:
-        cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', str(unit), 'm')}"
-        remedy = f"run again with --units {file}={unit}"
+        cause = f"{whose} is in {unit}, {option_of(str(file), 'units', str(unit), 'm', name)}"
+        remedy = f"run again with --units {_key(str(file), name)}={unit}"
     if unit == "m":
         cause += ", or its lengths were divided once too often where it was written"
         remedy += "; if it was read so, its lengths were divided once too often where it was written"

@@ -25,7 +25,7 @@ _LOOK = "look at the residuals by pose in the report: --report report.html"
 def _far_remedy(v: Mapping[str, Any]) -> str:
     if rows := v.get("rows"):
         return f"correct these rows, or leave them out: --exclude {','.join(map(str, rows))}"
-    return f"run again with --units {v['file']}={v['unit']}"
+    return f"run again with --units {v.get('name') or v['file']}={v['unit']}"
 
 
 def _far_in_short(v: Mapping[str, Any]) -> str:
@@ -42,13 +42,13 @@ def _far_in_short(v: Mapping[str, Any]) -> str:
     remedy=_far_remedy,
     rows=("rows",),
 )
-def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int] = ()) -> str:
+def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int] = (), name: str | None = None) -> str:
     if rows:
         which = f"Row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} of the {file} poses"
         return f"{which} reach {reach:.4g} m, unlike the others: in {unit}? Correct or exclude (--exclude)."
     looks = "millimetres" if unit == "mm" else "centimetres, or inches (in)"
     small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
-    give = f"Give {option_of(file, 'units', unit, 'm')}{small}"
+    give = f"Give {option_of(file, 'units', unit, 'm', name)}{small}"
     if from_corners:  # it is the board that gives their size
         give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
     return f"The {file} translations reach {reach:.4g} m: they look like {looks}. {give}."
@@ -101,7 +101,7 @@ def _repeated_in_short(v: Mapping[str, Any]) -> str:
 
 
 @sentence("input_checks.repeated_rows", phrase=_repeated_in_short)
-def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
+def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = (), name: str | None = None) -> str:
     if not runs:
         return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
     named = [f"row {a} is row {c}" if a == b else f"rows {a} to {b} are rows {c} to {c + b - a}" for a, b, c in runs]
@@ -439,7 +439,7 @@ def _(classes: Sequence[str], given: str, next: str, gain: float, off: float) ->
     phrase=lambda v: f"the {v['file']} rows are in alphabetical order ({', '.join(map(str, v['order'][:3]))}, ...)",
     remedy="sort the rows of the {file} file by number",
 )
-def _(file: str, order: Sequence[int]) -> str:
+def _(file: str, order: Sequence[int], name: str | None = None) -> str:
     other = "camera" if file == "robot" else "robot"
     return (
         f"The rows of the {file} file are in the alphabetical order of numbered names ({', '.join(map(str, order))}, "

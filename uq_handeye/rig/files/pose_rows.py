@@ -192,15 +192,13 @@ def rig_of_files(
     cameras : mapping of names to files of camera poses
     setup : "eye-in-hand" (cameras on the arm, target in the world) or "eye-to-hand" (the other way round)
     tolerance : s by which the time of a view may differ from that of its robot pose
-    reading : arguments of `read_rows` by "robot" and "camera", or None
+    reading : arguments of `read_rows` by "robot" and the names of cameras, or None
     """
     how = reading or {}
     rows = read_rows(robot, "robot", **how.get("robot", {}))
     on, to = ("arm", WORLD) if setup == "eye-in-hand" else (WORLD, "arm")
     files = {(name, "target"): file for name, file in cameras.items()}
-    return views_of_files(
-        rows, "arm", files, dict.fromkeys(cameras, on), {"target": to}, tolerance, how.get("camera", {})
-    )
+    return views_of_files(rows, "arm", files, dict.fromkeys(cameras, on), {"target": to}, tolerance, how)
 
 
 def views_of_files(
@@ -212,11 +210,14 @@ def views_of_files(
     tolerance: float,
     reading: Mapping[str, Any],
 ) -> Rig:
-    """Return a rig of one arm with a file for each pair of camera and target."""
+    """Return a rig of one arm with a file for each pair of camera and target.
+
+    ``reading``: arguments of `read_rows` by the names of cameras.
+    """
     views = []
     for (camera, target), file in files.items():
         moving = [robot] if arm in (cameras[camera], targets[target]) else []
-        views.append(view_of(camera, target, read_rows(file, "camera", **reading), moving, tolerance))
+        views.append(view_of(camera, target, read_rows(file, "camera", **reading.get(camera, {})), moving, tolerance))
     poses = ArmPoses(robot.poses, robot.names if robot.named else (), robot.name, timed=robot.times is not None)
     used = {target: targets[target] for _, target in files}
     return Rig({arm: poses}, {camera: cameras[camera] for camera, _ in files}, used, tuple(views))
