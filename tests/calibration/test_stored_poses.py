@@ -235,6 +235,8 @@ def test_lists_of_numbers_take_one_line():
         result = uq.calibrate(uq.simulate(30, noise=NOISE, seed=1))
     text = result.to_json()
     plain = result.to_dict()
-    assert json.loads(text) == json.loads(json.dumps(plain))
+    written = json.loads(text)
+    del written["checksum"]
+    assert written == json.loads(json.dumps(plain))
     del plain["data"]
     assert len(text) < len(json.dumps(plain, indent=2))

@@ -226,3 +226,40 @@ def test_numbers_of_rows_beside_times_of_a_clock(tmp_path):
     uq.write_pose_file(tmp_path / "robot.csv", poses.robot, [0, 1, 2, 4, 5])
     with pytest.raises(uq.InputError, match="same moments"):
         uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv")
+
+
+def _disturbed(poses, wrong, size, rng):
+    """Camera poses (n, 4, 4) of a target of another ``size``, with ``wrong`` rows of half turns or of other moments."""
+    C = poses.camera.copy()
+    C[:, :3, 3] *= size
+    rows = rng.choice(poses.n, int(wrong * poses.n), replace=False)
+    half = np.diag([-1.0, -1.0, 1.0, 1.0])
+    half[:2, 3] = 0.08, 0.06
+    for k in rows:
+        C[k] = C[k] @ half if k % 2 else poses.camera[(k + 3) % poses.n]
+    return C
+
+
+@pytest.mark.parametrize("given", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("wrong", "size"), [(0.0, 1.4), (0.12, 1.0), (0.25, 0.7)])
+def test_outliers_half_turns_and_a_wrong_size_do_not_mislead(setup, given, wrong, size):
+    rng = np.random.default_rng(SEED)
+    poses = uq.simulate(24, noise=NOISE, setup=setup, seed=SEED)
+    C = _disturbed(poses, wrong, size, rng)
+    for meant in READINGS:
+        scale = 1e3 if meant.units == "mm" else 1.0
+        robot, _ = sides(poses, numbers_of(poses, meant), READINGS, scale)
+        both = [robot, Side("camera.csv", C[:, :3, 3], C[:, :3, :3])]
+        chosen = chosen_readings(both, (None, None), (None, None), FRAMES, ALL, given)
+        assert chosen.sides[0].readings == (meant,)
+        assert "next best" in chosen.notes[0]
+
+
+def test_a_robot_that_did_not_move_is_said_before_its_reading_is_asked_for():
+    poses = uq.simulate(12, noise=NOISE, seed=SEED)
+    numbers = np.repeat(numbers_of(poses, READINGS[0])[:1], 12, axis=0)
+    robot, camera = sides(poses, numbers, READINGS)
+    robot = replace(robot, translation=np.repeat(robot.translation[:1], 12, axis=0))
+    with pytest.raises(uq.InputError, match="all 12 poses are the same"):
+        chosen_readings([robot, camera], (None, None), (None, None), FRAMES, ALL, "eye-in-hand")

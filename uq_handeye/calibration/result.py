@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import json_text, parsed
+from ..core.files.json_files import parsed, require_signed, signed_text
 from ..core.files.json_values import JsonObject
 from ..core.formatting.numbers import digits
 from ..core.geometry import conventions
@@ -392,7 +392,7 @@ class Calibration(Statement):
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
-        return json_text(self.to_dict(), path)
+        return signed_text(self.to_dict(), path)
 
     def save(self, path: str | Path) -> Path:
         """Write the result file, as `to_json`, and return its path; `load` reads it."""
@@ -404,7 +404,9 @@ class Calibration(Statement):
         """Read the text that `to_json` writes; ``data``: the content of the file, if it has been parsed."""
         data = parsed(path) if data is None else data
         try:
-            return cls.from_dict(data)
+            found = cls.from_dict(data)
+            require_signed(data)
+            return found
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

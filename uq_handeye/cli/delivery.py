@@ -136,9 +136,9 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     """Return the result as JSON text, with the verdict on the tolerance."""
-    from ..core.files.json_files import json_text
+    from ..core.files.json_files import signed_text
 
-    return json_text(result.to_dict() | ({} if verdict is None else {"verdict": verdict.to_dict()}))
+    return signed_text(result.to_dict() | ({} if verdict is None else {"verdict": verdict.to_dict()}))
 
 
 def status_of(result: "Calibration", verdict: "Verdict | None") -> int:

@@ -60,6 +60,11 @@ class NewPoses:
         """NAME=FILE of several cameras."""
         return tuple(self.bag_camera or ())
 
+    @property
+    def nothing(self) -> bool:
+        """Return whether no new poses are given."""
+        return (self.files.robot, self.files.camera, self.images, self.joints) == (None,) * 4 and not self.cameras
+
     def read(self, stored: "Calibration", name: str) -> "PosePairs":
         """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
         files, camera = named_camera(self.files, self.cameras)

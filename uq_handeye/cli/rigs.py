@@ -122,7 +122,7 @@ def _reading(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]
 
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
-    from ..read import json_text
+    from ..core.files.json_files import signed_text
     from ..report.decision import badges_of, verdicts_of_rig
 
     verdicts = verdicts_of_rig(result, wanted.tolerance)
@@ -134,7 +134,11 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
         from ..rig.page import rig_html
 
         html = rig_html(result, about=wishes.about, verdicts=badges, details=wishes.details)
-        files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}
+        files: dict[str, str | bytes] = {
+            "rig.json": signed_text(result.to_dict()),
+            "rig.txt": text,
+            "report.html": html,
+        }
         with timed(f"writing {output}"):
             written = deliver(output, files)
     if outputs.report is not None:
@@ -144,7 +148,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     if outputs.as_json:
         more_of: dict[str, Any] = {"usable": result.usable, "reasons": list(result.reasons)}
         more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
-        emit(json_text(result.to_dict() | more_of))
+        emit(signed_text(result.to_dict() | more_of))
     elif quiet():
         rows = ((name, " ".join(map(repr, one.pose.ravel().tolist()))) for name, one in result.cameras.items())
         emit("".join(f"{name} {row}\n" for name, row in rows))

@@ -17,24 +17,28 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.formatting.numbers import digits
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MAX_LISTED, MIN_POSES_TO_DECIDE
+from ..core.numbers.limits import MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
+from ..fit.input_checks.agreement import MAJORITY, Agreement, agreement, angles_between, typical_difference
+from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
+from ..fit.input_checks.repeated_rows import SAME_NUMBER
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished, rows_of_side
 from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
-from ..model.poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
 DECISIVE_RATIO = 5.0
+# Two readings that differ in the scale by more than this factor (log) are of different units.
+UNIT_LOG_RATIO = np.log(5.0)
 
 Rows = NDArray[np.intp] | slice
-# RMS rotation (rad) and translation (m) of the target about its mean, and |t_X| (m).
-Misfit: TypeAlias = tuple[float, float, float]
 # A reading of each side; None stands for one that is decided already.
 ReadingPair: TypeAlias = tuple[Reading | None, ...]
+# A pair of readings with the agreement of robot and camera.
+Fit: TypeAlias = tuple[Agreement, ReadingPair]
 # The readings that each side may have.
 Readings: TypeAlias = tuple[ReadingPair, ...]
 
@@ -134,23 +138,50 @@ class _Pair:
         if all(readings == (None,) for readings in open_readings):
             found = self._another_form()
             return Chosen(list(self.sides), ("", ""), () if found is None else (found,))
-        fits = []
-        for pair_of_setup in (self, self._of_other_setup()):  # `calibrate` names the setup where it is the other one
-            tried = [(pair_of_setup.fit(pair), pair) for pair in product(*open_readings)]
-            fits = [(fit, pair) for fit, pair in tried if fit is not None]
-            fits.sort(key=lambda found: found[0][:2])
-            if fits and (best := self._decided(fits)) is not None:
+        self._require_motion(open_readings)
+        here, there = self._fits(open_readings), self._of_other_setup()._fits(open_readings)
+        for fits in (here + there, here):  # `calibrate` names the setup where it is the other one
+            fits = sorted(fits, key=lambda found: found[0][:2])
+            if (best := self._decided(fits)) is not None:
                 # Rotations about x, y, z renamed in a circle agree as well; only the translations tell.
-                far = next(fit[1] for fit, pair in fits if pair == best) > MAX_MISFIT_SHARE * self._travel(best)
+                far = next(fit.distance for fit, pair in fits if pair == best) > MAX_MISFIT_SHARE * self._travel(best)
                 if far and (error := self._unlisted(open_readings)) is not None:
                     raise error
                 sides = [
                     side if reading is None else replace(side, readings=(reading,))
                     for side, reading in zip(self.sides, best, strict=True)
                 ]
-                notes = ["" if reading is None else self._note(k, reading, fits) for k, reading in enumerate(best)]
+                notes = ["" if reading is None else _note(k, reading, best, fits) for k, reading in enumerate(best)]
                 return Chosen(sides, (notes[0], notes[1]))
         raise self._undecided(open_readings)
+
+    def _require_motion(self, open_readings: Readings) -> None:
+        """Raise `InputError` where the poses of one side are all the same: they decide nothing."""
+        for side, rows, readings in zip(self.sides, self.rows, open_readings, strict=True):
+            numbers = np.column_stack([side.translation, side.rotation.reshape(len(side), -1)])[rows]
+            if readings != (None,) and len(rows) > 1 and np.ptp(numbers, axis=0).max() < SAME_NUMBER:
+                raise InputError(
+                    f"{side.name}: all {len(rows)} poses are the same. Either nothing moved, or one pose was written "
+                    "again and again. Move the robot between the poses, and check how the file was written."
+                )
+
+    def _fits(self, open_readings: Readings) -> list[Fit]:
+        """Return the agreement of each pair of readings under which robot and camera rotate by the same angles."""
+        if len(self.rows[0]) != len(self.rows[1]) or len(self.rows[0]) < 3:
+            return []
+        poses = [{one: self._side(k, one) for one in readings} for k, readings in enumerate(open_readings)]
+        angles = [{one: angles_between(T[:, :3, :3]) for one, T in of.items()} for of in poses]
+        found = []
+        for pair in product(*open_readings):
+            difference = typical_difference(*(of[one] for of, one in zip(angles, pair, strict=True)))
+            if difference > 2.0 * LARGE_ROTATION_RAD:
+                found.append((Agreement(difference, np.inf, np.inf, 1.0, 0.0), pair))
+                continue
+            G, C = (of[one] for of, one in zip(poses, pair, strict=True))
+            fit = agreement(G if self.setup == "eye-in-hand" else inverse(G), C)
+            if fit is not None:
+                found.append((fit, pair))
+        return found
 
     def _undecided(self, open_readings: Readings) -> InputError:
         """Return the error that no reading is taken, with the form by which robot and camera would agree if one is."""
@@ -186,30 +217,34 @@ class _Pair:
     def _disagrees(self, pair: ReadingPair) -> bool:
         """Return whether the rotations of robot and camera disagree, in both setups."""
         fits = (self.fit(pair), self._of_other_setup().fit(pair))
-        return all(fit is None or fit[0] > LARGE_ROTATION_RAD for fit in fits)
+        return all(fit is None or fit.angle > LARGE_ROTATION_RAD for fit in fits)
 
     def _of_other_setup(self) -> _Pair:
         return replace(self, setup="eye-to-hand" if self.setup == "eye-in-hand" else "eye-in-hand")
 
-    def _decided(self, fits: list[tuple[Misfit, ReadingPair]]) -> ReadingPair | None:
+    def _decided(self, fits: list[Fit]) -> ReadingPair | None:
         """The readings that fit far better than all others, if any do.
 
-        Two files in the same wrong order agree in rotation, so translations decide as well.
+        Two files in the same wrong order agree in rotation, so translations decide as well. The unit of a file changes
+        nothing but the scale, which is then near 1 for one of the readings alone.
         """
         if len(self.rows[0]) < MIN_POSES_TO_DECIDE:
             return None
-        for (angle, distance, _), pair in fits:
-            if angle > LARGE_ROTATION_RAD:
+        travel = {pair: max(self._travel(pair), CHAIN_ROUNDING) for _, pair in fits}
+        for fit, pair in fits:
+            if fit.angle > LARGE_ROTATION_RAD or fit.share < MAJORITY:
                 continue
-            least = max(angle, CHAIN_ROUNDING)
+            least, distance = max(fit.angle, CHAIN_ROUNDING), fit.distance / travel[pair]
             if all(
-                other_angle > DECISIVE_RATIO * least
+                other == pair
+                or other_fit.angle > DECISIVE_RATIO * least
                 or (
-                    other_distance > DECISIVE_RATIO * distance
-                    and angle < DECISIVE_RATIO * max(other_angle, CHAIN_ROUNDING)
+                    other_fit.distance / travel[other] > DECISIVE_RATIO * distance
+                    and fit.angle < DECISIVE_RATIO * max(other_fit.angle, CHAIN_ROUNDING)
                 )
+                or abs(np.log(other_fit.scale)) > UNIT_LOG_RATIO + abs(np.log(fit.scale))
                 or self._same(pair, other)
-                for (other_angle, other_distance, _), other in fits
+                for other_fit, other in fits
             ):
                 return pair
         return None
@@ -219,19 +254,12 @@ class _Pair:
         pairs = zip(self.poses(first), self.poses(second), strict=True)
         return all(np.abs(a - b).max() < CHAIN_ROUNDING for a, b in pairs)
 
-    def _note(self, k: int, reading: Reading, fits: list[tuple[Misfit, ReadingPair]]) -> str:
-        worse = [f"{pair[k]}" for _, pair in fits if pair[k] != reading]
-        names = list(dict.fromkeys(worse))
-        more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-        others = ", ".join(names[:MAX_LISTED]) + more
-        return f"rotations read as {reading}, with which robot and camera agree; with {others} they do not"
-
-    def fit(self, pair: ReadingPair) -> Misfit | None:
-        """Return the RMS rotation and translation of the target about its mean, and |t_X|; None: no X at all."""
+    def fit(self, pair: ReadingPair) -> Agreement | None:
+        """Return the agreement of robot and camera under a pair of readings; None: no X at all."""
         G, C = self.poses(pair)
         if len(G) < 3 or len(G) != len(C):
             return None
-        return consistency(G if self.setup == "eye-in-hand" else inverse(G), C)
+        return agreement(G if self.setup == "eye-in-hand" else inverse(G), C)
 
     def thinned(self, most: int = 200) -> _Pair:
         """Return about ``most`` of many poses, evenly: one reading holds for all poses of a file."""
@@ -247,13 +275,13 @@ class _Pair:
 
     def poses(self, pair: ReadingPair) -> tuple[Array, Array]:
         """Return both sides as matrices, under the readings of a pair."""
-        G, C = (
-            finished(side if reading is None else replace(side, readings=(reading,)), role, unit, form, frame)[rows]
-            for side, reading, role, unit, form, frame, rows in zip(
-                self.sides, pair, FRAMES, self.units, self.forms, self.frames, self.rows, strict=True
-            )
-        )
-        return G, C
+        return self._side(0, pair[0]), self._side(1, pair[1])
+
+    def _side(self, k: int, reading: Reading | None) -> Array:
+        """Return the poses of one side as matrices, under one reading."""
+        side = self.sides[k] if reading is None else replace(self.sides[k], readings=(reading,))
+        role = tuple(FRAMES)[k]
+        return finished(side, role, self.units[k], self.forms[k], self.frames[k])[self.rows[k]]
 
     def _another_form(self) -> Finding | None:
         """Return a finding if angles or rotation vectors are of another order or unit by far."""
@@ -263,19 +291,19 @@ class _Pair:
         decided: ReadingPair = (None, None)
         now = self.fit(decided)
         for fit in (now, self._of_other_setup().fit(decided)):
-            if fit is not None and fit[0] <= LARGE_ROTATION_RAD and fit[1] <= MAX_MISFIT_SHARE * self._travel(decided):
+            if fit is not None and self._fits_well(fit, decided):
                 return None
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
             found = self._form_that_fits(k, ((None,), (None,)))
-            if found is not None and (now is None or now[1] > DECISIVE_RATIO * found[2]):
+            if found is not None and (now is None or now.distance > DECISIVE_RATIO * found[2]):
                 values = {
                     "name": PurePath(side.name).name,
                     "side": role,
                     "used": self.forms[k] or side.readings[0].rotation,
                     "form": found[0],
-                    "rotation": None if now is None else now[0],
-                    "translation": None if now is None else now[1],
+                    "rotation": None if now is None else now.angle,
+                    "translation": None if now is None else now.distance,
                 }
                 return Finding("poses.another_rotation", "failure", values)
         return None
@@ -299,8 +327,8 @@ class _Pair:
             for setup in (trial, trial._of_other_setup()):
                 fit = setup.fit(pair)
                 # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
-                if fit is not None and fit[0] < LARGE_ROTATION_RAD and fit[1] < MAX_MISFIT_SHARE * trial._travel(pair):
-                    found.append((form, unit if len(units) > 1 else None, fit[1]))
+                if fit is not None and trial._fits_well(fit, pair):
+                    found.append((form, unit if len(units) > 1 else None, fit.distance))
         return min(found, key=lambda one: one[2], default=None)
 
     def _turns_alike(self, pair: ReadingPair) -> bool:
@@ -308,12 +336,36 @@ class _Pair:
         G, C = (T[:, :3, :3] for T in self.poses(pair))
         if len(G) < 3 or len(G) != len(C):
             return False
-        difference = rotation_angles(G[:-1].mT @ G[1:]) - rotation_angles(C[:-1].mT @ C[1:])
-        return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION_RAD)
+        return typical_difference(angles_between(G), angles_between(C)) < 2.0 * LARGE_ROTATION_RAD
+
+    def _fits_well(self, fit: Agreement, pair: ReadingPair) -> bool:
+        """Return whether most poses agree in rotation and, with the scale free, in translation."""
+        return (
+            fit.angle <= LARGE_ROTATION_RAD
+            and fit.share >= MAJORITY
+            and fit.distance <= MAX_MISFIT_SHARE * self._travel(pair)
+        )
 
     def _travel(self, pair: ReadingPair) -> float:
         """Return the standard deviation of the robot's position."""
         return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
+
+
+def _note(k: int, reading: Reading, taken: ReadingPair, fits: list[Fit]) -> str:
+    """Return what was decided of one side, and which other reading comes nearest."""
+    best = next(fit for fit, pair in fits if pair == taken)
+    others = [(fit, pair[k]) for fit, pair in fits if pair[k] != reading and str(pair[k]) != str(reading)]
+    said = f"rotations read as {reading}, with which robot and camera agree ({_size(best)})"
+    if not others:
+        return said
+    nearest, other = min(others, key=lambda one: (one[0].angle > LARGE_ROTATION_RAD, one[0].distance, one[0].angle))
+    return f"{said}; next best {other} ({_size(nearest)})"
+
+
+def _size(fit: Agreement) -> str:
+    """Return a misfit in words."""
+    angle = f"{digits(np.degrees(fit.angle), 2)} deg"
+    return angle if not np.isfinite(fit.distance) else f"{angle}, {digits(1e3 * fit.distance, 2)} mm"
 
 
 def _other_forms(side: Side, form: str | None) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import json_text, parsed
+from ..core.files.json_files import parsed, require_signed, signed_text
 from ..core.files.open import StrPath
 from ..core.formatting.numbers import probability
 from ..errors import InputError
@@ -66,7 +66,7 @@ class RigCalibration(RigPoses):
 
     def save(self, path: StrPath) -> None:
         """Write `to_dict` as JSON, which `uq_handeye.load` reads back bit by bit."""
-        json_text(self.to_dict(), path)
+        signed_text(self.to_dict(), path)
 
     def export(self, path: StrPath, format: str | None = None) -> Path:
         """Write all poses and relative poses for another program; see `uq_handeye.formats.export`.
@@ -106,7 +106,10 @@ class RigCalibration(RigPoses):
     def from_json(cls, path: StrPath, data: Any = None) -> RigCalibration:
         """Read the file that `save` writes; ``data``: its content, if it has been parsed."""
         try:
-            return cls.from_dict(parsed(path) if data is None else data)
+            data = parsed(path) if data is None else data
+            found = cls.from_dict(data)
+            require_signed(data)
+            return found
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -128,7 +131,7 @@ def several_of(result: RigPoses) -> Several:
         comments.append(f"The world is the base of the arm {first}.")
     return Several(
         [_transform(one) for one in result.singles], [_transform(one) for one in result.pairs], comments,
-        json_text(result.to_dict()),
+        signed_text(result.to_dict()),
     )  # fmt: skip
 
 

@@ -44,6 +44,8 @@ def update_command(
     of the stored one. The order of updates does not matter. New poses that
     contradict the result are refused.
 
+    With --about and no new poses, only the notes of the result change.
+
     Options (Estimation):
       * --although-changed: Update even if the new poses contradict the result.
       * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
@@ -59,6 +61,8 @@ def update_command(
 
     with _held_if_replaced(result, outputs.output):
         stored: Any = rig or Calibration.from_json(result)
+        if rig is None and wishes.about and files.nothing:
+            return deliver_result(replace(stored, about=stored.about | wishes.about), outputs, wanted, wishes)
         poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
         with withheld() as said:
             try:

@@ -1,7 +1,12 @@
-"""Writing of JSON files in a form that people can read, and reading them back."""
+"""Writing of JSON files in a form that people can read, and reading them back.
+
+Result files carry a checksum of their values, so that a file edited by hand is refused in place of being believed.
+Layout and order of the names may change.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from typing import Any
 
@@ -9,6 +14,9 @@ from ...errors import InputError
 from ..numbers.limits import MAX_TABLE_BYTES
 from .atomic import write_atomically
 from .open import StrPath, as_path, opened, shown
+
+# Name of the checksum in a result file, and the hash function that makes it.
+CHECKSUM, HASH = "checksum", "sha256"
 
 
 def json_text(data: Any, path: StrPath | None = None) -> str:
@@ -43,6 +51,27 @@ def parsed(path: StrPath) -> Any:
         return json.loads(text.decode("utf-8"), parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{shown(as_path(path))} is not JSON: {error}.") from error
+
+
+def signed_text(data: dict[str, Any], path: StrPath | None = None) -> str:
+    """Return the JSON text of a result with its checksum, as `json_text`; also write it to ``path``."""
+    return json_text(data | {CHECKSUM: _checksum(data)}, path)
+
+
+def require_signed(data: dict[str, Any]) -> None:
+    """Raise `InputError` where the values of a result file are not those that its checksum is of."""
+    if data.get(CHECKSUM) != _checksum(data):
+        raise InputError(
+            "The file was changed after it was written: its checksum does not fit. Calibrate again, or restore the "
+            "file. Notes are changed by uq-handeye update RESULT --about KEY=VALUE -o DIR."
+        )
+
+
+def _checksum(data: dict[str, Any]) -> str:
+    """Return the checksum of all values but the checksum itself."""
+    values = {name: value for name, value in data.items() if name != CHECKSUM}
+    text = json.dumps(values, allow_nan=False, sort_keys=True, separators=(",", ":"))
+    return f"{HASH}:{hashlib.new(HASH, text.encode()).hexdigest()}"
 
 
 def _refuse(constant: str) -> None:

@@ -13,7 +13,8 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.target_views import STEADY_VIEW, direction_spread
-from .consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
+from .agreement import MAJORITY, Agreement, agreement
+from .consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
 from .misread_scale import scaled_reading
 from .readings import OTHER_SETUP, Reading
 
@@ -47,7 +48,7 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
     fitting: list[tuple[float, Reading]] = []
     largest = MAX_MISFIT_SHARE * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
-        fit = consistency(robot, camera)
+        fit = _agreement(robot, camera)
         if fit is not None and reading["kind"] in INVERSE:
             twins[reading["kind"]] = reading | {"length": fit[2]} | on_request.get(reading["kind"], {})
         if fit is not None and fit[1] > largest:
@@ -74,6 +75,12 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
         for reading, robot, camera in candidates[: len(INVERSE)]
         if (factor := scaled_reading(robot, camera, shift, poses.sources)) is not None and factor["unit"] is not None
     ]
+
+
+def _agreement(robot: Array, camera: Array) -> Agreement | None:
+    """Return how well most poses agree; None where they are no majority, or do not determine X."""
+    found = agreement(robot, camera, scale_free=False)
+    return None if found is None or found.share < MAJORITY else found
 
 
 def rotation_readings(robot: Array, camera: Array) -> list[tuple[Reading, Array, Array]]:

@@ -15,8 +15,9 @@ from ...findings import GROSS_EXCESS, Finding, Severity
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.residuals import median, pose_residuals, rotation_angles
+from ...model.poses.residuals import median, pose_residuals
 from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of
+from .agreement import angles_between, typical_difference
 from .consistency import LARGE_ROTATION_RAD
 from .lengths import check_lengths
 from .misread_files import NOISE_FREE, other_readings
@@ -74,7 +75,7 @@ def check_fit(
         found = _against_noise("poses", poses.n - 1, (angle, distance), None if joint else least, most)
     # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which a
     # wrong frame leaves as it is; but where the rows do not belong together, no other reading helps.
-    disagreement = float(np.sqrt(np.mean((_turns(G) - _turns(C)) ** 2)))
+    disagreement = typical_difference(angles_between(G[:, :3, :3]), angles_between(C[:, :3, :3]))
     turned = turn > max(LARGE_ROTATION_RAD, 4.0 * disagreement, 3.0 * _rms(most, 0))
     shifted = shift > max(LARGE_TRANSLATION_SHARE * travel, 0.02 * reach, 3.0 * _rms(most, 1), 1e-9)
     misfit = turned or (shifted and disagreement < 2 * ANGLE_DISAGREEMENT_RAD)
@@ -111,11 +112,6 @@ def misread(poses: PosePairs, X: Array) -> list[Finding]:
 
 def _rms(squares: Array | None, k: int) -> float:
     return 0.0 if squares is None else float(np.sqrt(np.mean(squares[k])))
-
-
-def _turns(T: Array) -> Array:
-    """Rotation angles from each pose to the next."""
-    return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
 
 
 def _against_noise(what: str, n: int, rows: tuple[Array, Array], least: Array | None, most: Array) -> list[Finding]:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.files.atomic import write_atomically, write_files
-from ...core.files.json_files import json_text, parsed
+from ...core.files.json_files import json_text, parsed, signed_text
 from ...core.geometry.checks import as_transforms
 from ...core.numbers.limits import MIN_POSES
 from ...errors import InputError, InputWarning, NotConvergedError
@@ -264,7 +264,7 @@ def deliver(answer: Answer, folder: Path) -> Path:
     result = answer.result
     assert result is not None
     more = {} if answer.verdict is None else {"verdict": answer.verdict.to_dict()}
-    write_files(folder, {"result.json": json_text(result.to_dict() | more)})
+    write_files(folder, {"result.json": signed_text(result.to_dict() | more)})
     result.report(folder / "report.html", comparison=False, verdict=answer.verdict)
     return folder
 
