@@ -86,7 +86,7 @@ def test_a_prior_is_stored_and_restored(rng, tmp_path):
 @pytest.mark.slow
 def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path, without_rendering):
     _, cam = calibrated(rng)
-    exact = calibrated(rng, intrinsics={"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0})[1]
+    exact = calibrated(rng, intrinsics={"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0}, exact=True)[1]
     (tmp_path / "mine.png").write_bytes(b"mine")
     cam.write(tmp_path)
     assert (tmp_path / "certainty.png").exists()
@@ -109,7 +109,7 @@ def test_intrinsics_of_another_run_are_refused(rng, tmp_path):
 @pytest.mark.slow
 def test_intrinsics_that_are_all_exact(rng, tmp_path):
     known = {"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0}
-    _, cam = calibrated(rng, intrinsics=known)
+    _, cam = calibrated(rng, intrinsics=known, exact=True)
     write_files(tmp_path, camera_files(cam))
     read = uq.read_camera(tmp_path)
     assert read.intrinsics == known and set(read.std.values()) == {0.0} and read.covariance.shared.shape[-1] == 0

@@ -228,7 +228,7 @@ def test_the_map_is_the_deviation_of_where_a_point_is_seen(right):
 
 
 def test_exact_intrinsics_have_no_map(right):
-    cam = calibrate_camera(right.corners, SIZE, "brown", coefficients=[], intrinsics=right.intrinsics)
+    cam = calibrate_camera(right.corners, SIZE, "brown", coefficients=[], intrinsics=right.intrinsics, exact=True)
     assert list(camera_pictures(cam)) == [stem for stem in STEMS if stem != "certainty"]
     assert "given, exact" in cam.summary() and "taken as exact" in cam.summary()
     assert "no uncertainty to draw" in camera_report_html(cam)

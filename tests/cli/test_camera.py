@@ -187,9 +187,14 @@ def test_known_intrinsics_of_a_file(table):
     assert done.returncode == 0, done.stderr
     cam = uq.read_camera(folder / "known")
     assert 0 < cam.std["fx"] <= 0.1 and abs(cam.intrinsics["fx"] - 750) < 0.5
-    done = run("camera", "corners.csv", "--intrinsics", "camera/intrinsics.yaml", "-o", "exact", cwd=folder)
+    done = run("camera", "corners.csv", "--intrinsics", "camera/intrinsics.yaml,exact", "-o", "exact", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert uq.read_camera(folder / "exact").std["fx"] == 0.0
+    done = run("camera", "corners.csv", "--intrinsics", "camera/intrinsics.yaml", "-o", "given", cwd=folder)
+    assert done.returncode == 0 and 0.0 < uq.read_camera(folder / "given").std["fx"] < 0.75
+    (folder / "off.json").write_text('{"fx": 750.0, "fy": 746.0, "cx": 360.0, "cy": 240.0, "image_size": [640, 480]}')
+    done = run("camera", "corners.csv", "--intrinsics", "off.json", cwd=folder)
+    assert done.returncode == 3 and "cx 360 given" in " ".join(done.stdout.split())
     (folder / "large.json").write_text('{"fx": 1500.0, "image_size": [1280, 960]}')
     done = run("camera", "corners.csv", "--image-size", "640x480", "--intrinsics", "large.json", cwd=folder)
     assert done.returncode == 2 and "pictures of 1280 x 960 pixels, got 640 x 480. Scale fx" in done.stderr

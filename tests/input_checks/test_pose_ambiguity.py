@@ -24,7 +24,7 @@ def seen_tag(seed, n=20, side=0.02, noise=0.3):
     pixels += noise * np.random.default_rng([seed, 7]).normal(size=pixels.shape)
     row = np.repeat(np.arange(n), 4)
     corners = uq.Corners(row, np.tile(points, (n, 1)), pixels.reshape(-1, 2), image_size=SIZE)
-    cam = uq.calibrate_camera(corners, model="pinhole", intrinsics=KNOWN, shape="flat")
+    cam = uq.calibrate_camera(corners, model="pinhole", intrinsics=KNOWN, exact=True, shape="flat")
     return poses, uq.PosePairs(poses.robot, cam.poses, poses.setup, camera_calibration=cam)
 
 

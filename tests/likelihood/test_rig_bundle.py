@@ -134,7 +134,7 @@ def test_known_intrinsics_are_kept(rng):
     corners, robot, _ = recorded(rng, 12)
     free = poses_of(corners, robot).camera_calibration
     k = free.intrinsics
-    fixed = {name: k[name] for name in ("cx", "cy")} | {name: (k[name], 1e-3) for name in ("fx", "fy")}
+    fixed = {name: (k[name], 0.0) for name in ("cx", "cy")} | {name: (k[name], 1e-3) for name in ("fx", "fy")}
     seen = calibrate_camera(corners, SIZE, "pinhole", intrinsics=fixed)
     poses = uq.PosePairs(robot, seen.poses, camera_calibration=seen)
     fit = joint_fit(poses, ROBOT)

@@ -68,6 +68,8 @@ def _advice(method: str, motions: Motions) -> str:
     return "Add motions that rotate about other axes."
 
 
+# Finding of a camera whose given intrinsics its pictures contradict.
+GIVEN = "camera.given_contradicted"
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
 
@@ -97,7 +99,7 @@ def look_at(job: Job) -> list[Finding]:
     """Findings of the files as read, of the poses and of the rotations of their motions, before there is an X."""
     found = [] if job.poses is None else [*job.poses.findings, *check_poses(job.poses)]
     seen = None if job.poses is None else job.poses.camera_calibration
-    found += [] if seen is None else [finding for finding in seen.findings if finding.code == POSE_AMBIGUITY]
+    found += [] if seen is None else [finding for finding in seen.findings if finding.code in (POSE_AMBIGUITY, GIVEN)]
     return found + (check_rotations(job.motions, _known_noise(job), job.method) if job.motions.N >= 2 else [])
 
 

@@ -202,17 +202,19 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
 
 def deliver_camera_poses(
     found: "CameraCalibration | PointPoses", text: Callable[[], str], output: Path | None, as_json: bool, example: str
-) -> None:
-    """Write camera poses into the folder of -o, and print them with the next command.
+) -> int:
+    """Write camera poses into the folder of -o, print them with the next command, and return the exit status.
 
     ``example`` is the folder that is named where none is given.
     """
+    failed = any(finding.severity == "failure" for finding in found.findings)
+    status = ExitStatus.NOT_USABLE if failed else ExitStatus.DONE
     if output is not None:
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             found.write(output)
     if as_json:
         emit(text())
-        return
+        return status
     go_on = "uq-handeye calibrate robot.csv"
     if quiet():
         emit(found.summary().partition("\n\n")[0] + "\n")
@@ -220,6 +222,7 @@ def deliver_camera_poses(
         emit(f"{found.summary(verbose())}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
     else:
         emit(f"{found.summary(verbose())}\nWrote {output}. Next: {go_on} {output}\n")
+    return status
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,10 @@ class LensOptions(Options):
       --model NAME <MODEL_NAMES>: Camera model: {MODEL_NAMES}. auto selects by BIC. Default: auto.
       --coefficients NAMES <COEFFICIENT_NAMES>: Distortion coefficients to estimate, e.g. k1,k2; the others are 0.
         Default: all of the model.
-      --intrinsics FILE: Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or YAML of OpenCV or ROS. One
-        number is exact, two are a value and its standard deviation; YAML is exact. With --camera-matrix a name:
-        estimated, pinhole or exact (see uq-handeye compare --help-all).
+      --intrinsics FILE[,exact]: Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or a file of OpenCV,
+        ROS or another program. Two numbers are a value and its standard deviation; one has 0.1 % (focal length) or
+        0.001 focal lengths (centre), unless the word exact follows. The pictures test every number. With
+        --camera-matrix a name: estimated, pinhole or exact (see uq-handeye compare --help-all).
       --board-shape NAME: Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree),
         plane1 (aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default:
         auto.
@@ -57,6 +58,8 @@ class LensOptions(Options):
     ) -> "CameraCalibration":
         """Calibrate the camera from corners, of a board that may have been ``measured`` before, or take the intrinsics
         of a known ``camera``."""
+        import numpy as np
+
         from ..model.camera.calibrate import calibrate_camera
 
         if measured is not None and self.board_shape is not None:
@@ -69,14 +72,17 @@ class LensOptions(Options):
                     camera.model or "auto",
                     coefficients=(),
                     intrinsics=camera.values,
+                    exact=not any(map(np.ndim, camera.values.values())),
                     shape=measured or "flat",
                 )
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Known | None = None
+        exact = False
         if self.intrinsics is not None:
             from ..model.camera.intrinsics_file import read_intrinsics
 
-            known = read_intrinsics(self.intrinsics, model)
+            file, exact = split_exact(self.intrinsics)
+            known = read_intrinsics(file, model)
             values, model = known.values, known.model if model in (None, "auto") else model
             size = image_size or corners.image_size
             if size is None:
@@ -84,7 +90,7 @@ class LensOptions(Options):
             elif known.image_size not in (None, size):
                 other = "{} x {}".format(*known.image_size)
                 raise InputError(
-                    f"{self.intrinsics} is for pictures of {other} pixels, got {size[0]} x {size[1]}. Scale fx, fy, "
+                    f"{file} is for pictures of {other} pixels, got {size[0]} x {size[1]}. Scale fx, fy, "
                     "cx, cy and their standard deviations."
                 )
         if image_size is None and corners.image_size is None:
@@ -92,9 +98,15 @@ class LensOptions(Options):
         names = None if self.coefficients is None else [part.strip() for part in self.coefficients.split(",") if part]
         with timed("calibrating the camera"), working("calibrating the camera", progress_wanted()):
             return calibrate_camera(
-                corners, image_size, model or "auto", coefficients=names, intrinsics=values,
+                corners, image_size, model or "auto", coefficients=names, intrinsics=values, exact=exact,
                 shape=measured or self.board_shape or "auto",
             )  # fmt: skip
+
+
+def split_exact(text: str) -> tuple[str, bool]:
+    """Return the file of ``FILE[,exact]`` and whether its numbers are exact."""
+    file, comma, word = text.rpartition(",")
+    return (file, True) if comma and word.strip() == "exact" else (text, False)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ def camera_command(
     units: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
-) -> None:
+) -> int:
     """Calibrate a camera from pictures of a board.
 
     Examples:
@@ -76,4 +76,4 @@ def camera_command(
     from ...model.camera.calibration_files import to_dict
     from ...read import json_text
 
-    deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "camera/")
+    return deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "camera/")

@@ -19,7 +19,7 @@ def points_command(
     target_units: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
-) -> None:
+) -> int:
     """Compute camera poses from points of a target measured in 3-D.
 
     Examples:
@@ -69,4 +69,4 @@ def points_command(
         if not as_json:
             warnings.simplefilter("ignore", InputWarning)  # the summary has them
         found = poses_from_points(measured, known, noise)
-    deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "seen/")
+    return deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "seen/")

@@ -209,7 +209,7 @@ def _as_poses(sight: Sight, bundle: Bundle, k: Array, camera: Array, w: Array) -
     own = np.linalg.inv(B.mT @ B)
     d, G = -(own @ (B.mT @ r[..., None]))[..., 0], -(own @ (B.mT @ A))
     root = np.sqrt(w)[:, None]
-    left, rest = (root[..., None] * (A + B @ G)).reshape(-1, G.shape[-1]), (root * r).ravel()
+    left, rest = (root[..., None] * (A + B @ G)).reshape(r.size, G.shape[-1]), (root * r).ravel()
     if bundle.prior is not None:
         mean, R = prior_rows(bundle.prior, bundle.free, 1.0)
         left, rest = np.concatenate([left, R]), np.append(rest, R @ (k[bundle.free] - mean))

@@ -7,9 +7,10 @@ effect of the intrinsics on all of them (`bundle`, T4b). ``PoseNoise(camera=resu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +21,16 @@ from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle
+from .adjustment.criterion import Candidate
 from .adjustment.initial_guess import unlike_a_board
 from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
 from .adjustment.outliers import spoilt, without_outliers
 from .adjustment.picture_weights import picture_weights
-from .adjustment.setting import Known
+from .adjustment.setting import Known, Setting
 from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import MIN_CORNERS, Corners, without_pictures
+from .given_intrinsics import GivenIntrinsics, centred, finding_of, freed, given_test, opened, with_default_deviations
 from .models import LINEAR, MODELS
 from .residual_pattern import Pattern, pattern_of
 from .result import CameraCalibration
@@ -44,6 +47,11 @@ MIN_STRETCH = 5e-4
 MAX_PIXEL_NOISE_PX = 3.0
 # Share of the corners that may be outliers.
 MAX_LEFT_OUT_SHARE = 0.02
+# Findings that wrong intrinsics make: they are not reported beside these.
+EXPLAINED_BY_GIVEN = (
+    "camera.residual_pattern", "camera.board_pattern", "camera.squares_stretched", "camera.corners_left_out",
+    "camera.another_board",
+)  # fmt: skip
 
 
 def calibrate_camera(
@@ -53,6 +61,7 @@ def calibrate_camera(
     *,
     coefficients: Sequence[str] | None = None,
     intrinsics: Known | None = None,
+    exact: bool = False,
     shape: str | BoardShape = "auto",
 ) -> CameraCalibration:
     """Intrinsics, poses of the board and their joint covariance, from corners.
@@ -70,9 +79,13 @@ def calibrate_camera(
         Which coefficients of the model are estimated; the others are 0. None: k1, k2, p1, p2 of "brown", all of
         "fisheye".
     intrinsics : {name: value or (value, standard deviation)} or None
-        What is known beforehand: a value alone is exact, one with a standard deviation a Gaussian prior, e.g.
-        ``{"fx": (1080.0, 2.0), "k1": 0.0}`` from the maker of the camera. With fx, fy, cx and cy among them the start
-        needs no estimate.
+        What is known beforehand, e.g. ``{"fx": (1080.0, 2.0), "k1": 0.0}`` from the maker of the camera. A value with a
+        standard deviation is a Gaussian prior. Without one, focal lengths have 0.1 % and the centre 0.001 focal
+        lengths; coefficients are fixed. The pictures test every number (`given_intrinsics`): those that they
+        contradict by 3 standard deviations are estimated in place of the values given, with a caution, and from 5 on
+        with a failure.
+    exact : bool
+        Keep the `intrinsics` as they are, without an error, whatever the pictures say. A contradiction is a caution.
     shape : "auto", "flat", "bow2", "bow3", "bow4", "plane1", "plane2", both as in "bow3+plane2", or BoardShape
         How the board differs from what was meant: height over its plane by polynomials of degree 2, 3 or 4, aspect and
         shear, and degree 2 in the plane; estimated together with the camera. "auto" takes the best by BIC, flat where
@@ -93,17 +106,70 @@ def calibrate_camera(
     """
     require_type("corners", corners, Corners, "Corners (read_corners, detect_board)")
     size = _checked_size(corners.image_size if image_size is None else image_size, corners)
-    known = dict(intrinsics or {})
+    known = _known(intrinsics, exact)
     if len(corners.on_board[0]) <= MIN_CORNERS and (open_ones := [name for name in LINEAR if name not in known]):
         raise InputError(
             f"{len(corners.on_board[0])} points, such as the corners of a single tag, do not calibrate a camera: give "
             f"its {', '.join(open_ones)} as `intrinsics` (--camera-matrix)."
         )
+    lenses = _lenses(model, coefficients)
+    of_board = len(corners.on_board[0]) > MIN_CORNERS
+    found = _adjusted(corners, size, lenses, shape, opened(known) if known and of_board else known)
+    if known and of_board and not centred(found.bundle, known):
+        without = {name: value for name, value in opened(known).items() if name not in LINEAR}
+        found = _best_of(found, lambda: _adjusted(corners, size, lenses, shape, without))
+    bundle, corners, about_given, given = found.bundle, found.corners, list[Finding](), None
+    if known:
+        bundle, given, about_given = _with_given(found, known, size, exact)
+    if not bundle.converged:
+        raise NotConvergedError(
+            f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "
+            "corners, or try another `model`.",
+            bundle,
+        )
+    pattern = pattern_of(bundle, corners, size)
+    board_pattern = board_pattern_of(bundle, corners)
+    findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *found.moved]
+    if bundle.pixel_noise > MAX_PIXEL_NOISE_PX:
+        values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
+        findings.insert(0, Finding("camera.another_board", "caution", values))
+    if any(one.code == "camera.given_contradicted" for one in about_given):
+        findings = [one for one in findings if one.code not in EXPLAINED_BY_GIVEN]
+    findings = about_given + findings
+    if found.rejected:
+        findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": list(found.rejected)}))
+    warn(findings)
+    return CameraCalibration(bundle, corners, size, found.candidates, pattern, board_pattern, tuple(findings), given)
+
+
+class _Adjusted(NamedTuple):
+    """A camera by its pictures, and what was done to them."""
+
+    setting: Setting
+    bundle: Bundle
+    candidates: tuple[Candidate, ...]
+    corners: Corners
+    rejected: tuple[str, ...]
+    moved: tuple[Finding, ...]
+
+
+def _known(intrinsics: Known | None, exact: bool) -> dict[str, float | tuple[float, float]]:
+    """Return the numbers that are given, each with its standard deviation, or alone where it is fixed."""
+    given = dict(intrinsics or {})
+    return (
+        {name: float(np.ravel(value)[0]) for name, value in given.items()} if exact else with_default_deviations(given)
+    )
+
+
+def _adjusted(
+    corners: Corners, size: tuple[int, int], lenses: Sequence[Lens], shape: str | BoardShape, known: Known
+) -> _Adjusted:
+    """Return the best camera for the corners, once wrong pictures and corners are left out."""
     wrong: list[str] = []
     if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= MIN_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
         corners = _rejected(corners, bad)
-    lenses, shapes = _lenses(model, coefficients), _shapes(shape, corners)
+    shapes = _shapes(shape, corners)
     moved: list[Finding] = []
     while True:
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
@@ -121,22 +187,39 @@ def calibrate_camera(
     at = bundle.parameters, bundle.poses
     fit = partial(setting.fit, corners, at, weights=weights, pixel_noise=s)
     bundle, _ = without_outliers(corners, fit, bundle)
-    if not bundle.converged:
-        raise NotConvergedError(
-            f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "
-            "corners, or try another `model`.",
-            bundle,
-        )
-    pattern = pattern_of(bundle, corners, size)
-    board_pattern = board_pattern_of(bundle, corners)
-    findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *moved]
-    if bundle.pixel_noise > MAX_PIXEL_NOISE_PX:
-        values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
-        findings.insert(0, Finding("camera.another_board", "caution", values))
-    if wrong:
-        findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
-    warn(findings)
-    return CameraCalibration(bundle, corners, size, candidates, pattern, board_pattern, tuple(findings))
+    return _Adjusted(setting, bundle, candidates, corners, tuple(wrong), tuple(moved))
+
+
+def _best_of(first: _Adjusted, other: Callable[[], _Adjusted]) -> _Adjusted:
+    """Return the second of two cameras if it can be found and its corners fit better."""
+    try:
+        second = other()
+    except (InputError, NotConvergedError):
+        return first
+    return second if second.bundle.pixel_noise < first.bundle.pixel_noise else first
+
+
+def _with_given(
+    found: _Adjusted, known: Known, size: tuple[int, int], exact: bool
+) -> tuple[Bundle, GivenIntrinsics, list[Finding]]:
+    """Return the fit with the numbers given, or without those that the pictures contradict, and what they say."""
+    test = given_test(found.bundle, found.corners, GivenIntrinsics.of(known, exact).values)
+    finding = None if test is None else finding_of(test, size, found.bundle.model.name, exact)
+    contradicted = finding is not None and finding.code == "camera.given_contradicted"
+    if contradicted and not exact:
+        assert finding is not None
+        known = freed(known, [one["name"] for one in finding.values["contradicted"]])
+    setting, bundle = found.setting, found.bundle
+    coefficients = [n for n, free in zip(bundle.model.names, bundle.free, strict=False) if free and n not in LINEAR]
+    setting = Setting.of(bundle.model, coefficients, known, bundle.shape)
+    s = bundle.pixel_noise
+    fit = partial(setting.fit, found.corners, used=bundle.used, weights=bundle.weights)
+    fitted = fit(setting.after(bundle), pixel_noise=s)
+    if contradicted and exact:  # what wrong numbers leave is noise of these corners
+        squares = np.sum(fitted.residuals**2, axis=1) * fitted.weights[found.corners.picture]
+        s = float(np.sqrt(squares[fitted.used].sum() / max(fitted.freedom, 1)))
+        fitted = fit((fitted.parameters, fitted.poses), pixel_noise=s)
+    return fitted, GivenIntrinsics.of(known, exact), [] if finding is None else [finding]
 
 
 def _lenses(model: str, coefficients: Sequence[str] | None) -> Sequence[Lens]:

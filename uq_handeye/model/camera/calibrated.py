@@ -18,6 +18,7 @@ from .adjustment.bundle import Bundle, response_ahead
 from .adjustment.criterion import Candidate
 from .board_pattern import BoardPattern
 from .corners import Corners, without_pictures
+from .given_intrinsics import GivenIntrinsics
 from .measured_board import MeasuredBoard
 from .rays import pixel_deviation
 from .residual_pattern import MIN_PATTERN_SHARE, Pattern
@@ -34,6 +35,7 @@ class Calibrated:
     pattern: Pattern  # residuals over the picture
     board_pattern: BoardPattern  # residuals over the board
     findings: tuple[Finding, ...]  # what to know before trusting it
+    given: GivenIntrinsics | None = None  # numbers that were given beforehand and are used
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -78,6 +78,7 @@ def to_dict(cam: Calibrated) -> JsonObject:
         ),
         "board": board_dict(cam),
         "prior": None if cam.bundle.prior is None else attributes(cam.bundle.prior, "mean covariance"),
+        "given": None if cam.given is None else attributes(cam.given, "values exact"),
         "units": "pixels; coefficients without unit",
         "convention": "centre of the first pixel at (0, 0); models and order of the coefficients as in OpenCV",
         **attributes(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-from ...core.formatting.numbers import concise, digits
+from ...core.formatting.numbers import concise, digits, probability
 from ...findings import CAMERA, sentence
 
 
@@ -18,6 +19,57 @@ def _(share: float) -> str:
         f"The focal length, and with it distances, are known to only {100 * share:.1f} %. Take pictures in which the "
         "board is tilted by 30 degrees or more, or give `intrinsics` (--intrinsics)."
     )
+
+
+@sentence("camera.given_agree", check=CAMERA, phrase="the given intrinsics agree with the pictures")
+def _(chi2: float, dof: int, p_value: float) -> str:
+    return (
+        f"The pictures agree with the given intrinsics (chi-square {digits(chi2, 3)} of {dof}, {probability(p_value)})."
+    )
+
+
+def _with_unit(name: str, value: float, std: float) -> str:
+    return concise(value, std, "px" if name in ("fx", "fy", "cx", "cy") else "")
+
+
+@sentence(
+    "camera.given_contradicted",
+    check=CAMERA,
+    phrase=lambda v: (
+        "given intrinsics do not fit: "
+        + ", ".join(f"{one['name']} off by {digits(one['given'] - one['wanted'], 2)}" for one in v["contradicted"][:3])
+    ),
+    effect=lambda v: float(v["sigma"]),
+    remedy=lambda v: (
+        f"correct the given intrinsics ({v['explanations'][0]})"
+        if v["explanations"]
+        else "calibrate the camera from the pictures, without --intrinsics"
+    ),
+    rank=0,
+    first=True,
+)
+def _(
+    contradicted: Sequence[Mapping[str, Any]],
+    sigma: float,
+    chi2: float,
+    dof: int,
+    explanations: Sequence[str],
+    kept: bool,
+    data: str,
+) -> str:
+    each = "; ".join(
+        f"{one['name']} {digits(one['given'], 6)} given, {_with_unit(one['name'], one['wanted'], one['std'])} wanted "
+        f"({digits(abs(one['sigma']), 2)} sigma)"
+        for one in contradicted
+    )
+    why = f" Readings that fit: {'; or '.join(explanations)}." if explanations else ""
+    done = (
+        "They are kept, as given exact: X is the best for these intrinsics, and belongs to them."
+        if kept
+        else "Correct the file, leave it out, or keep its numbers by the word exact."
+    )
+    by = f"{digits(sigma, 2)} sigma, chi-square {digits(chi2, 3)} of {dof}"
+    return f"The given intrinsics do not fit the {data} ({by}): {each}.{why} {done}"
 
 
 @sentence(

@@ -32,6 +32,7 @@ from .board_shape import BoardShape
 from .calibration_files import CORNERS, COVARIANCE, INTRINSICS, POSES
 from .corners import Corners
 from .corners_file import corners_and_used
+from .given_intrinsics import GivenIntrinsics
 from .intrinsics_file import FORMAT
 from .models import MODELS
 from .residual_pattern import pattern_of
@@ -98,6 +99,14 @@ def _prior(value: Json, free: NDArray[np.bool_], where: str) -> Prior | None:
     if S.shape != (k, k) or (S != S.T).any() or np.linalg.eigvalsh(S[np.ix_(free, free)]).min(initial=1.0) <= 0:
         raise InputError(f"{where}, covariance: expected one, {k} x {k}, positive definite for what was estimated.")
     return Prior(mean, S)
+
+
+def _given(value: Json, where: str) -> GivenIntrinsics | None:
+    """Return the numbers that were given beforehand."""
+    if value is None:
+        return None
+    pairs = {key: vector(pair, 2, f"{where}, {key}") for key, pair in fields_of(item(value, "values", where)).items()}
+    return GivenIntrinsics({key: (mean, sd) for key, (mean, sd) in pairs.items()}, item(value, "exact", where) is True)
 
 
 def _shape(board: JsonObject, arrays: Mapping[str, ArrayLike]) -> BoardShape:
@@ -211,6 +220,7 @@ def calibration_from_parts(
         pattern_of(bundle, corners, size),
         board_pattern_of(bundle, corners),
         tuple(map(Finding.from_dict, _list(tree["findings"], f"{name}, findings"))),
+        _given(tree.get("given"), f"{name}, given"),
     )
     if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > MAX_DISTANCE_SD * bundle.pixel_noise + 1e-6:
         raise InputError(
