@@ -92,13 +92,12 @@ def test_it_has_every_part_once(result):
     flat = " ".join(text.split())
     lines = text.splitlines()
     assert lines[0].startswith(f"{result.frame} from ") and flat.count(result.headline) == 1
-    assert {line.split("  ")[0] for line in lines if line.split("  ")[0] in STATUSES} == {
-        check.status for check in result.checks
-    }
+    marked = [line.split("  ")[0] for line in lines if line.split("  ")[0] in STATUSES]
+    assert sum(status in ("ok", "not run") for status in marked) <= 1  # one line of those that are not wrong
     for check in result.checks:
-        assert re.search(rf"\b{check.name}\b", text), check.name
-        folded = check.status == "ok" and "passed" in flat  # where the screen is full
-        assert check.text in flat or folded or "as the headline says" in flat
+        assert re.search(rf"\b{check.name}\b", flat), check.name
+        short = check.status in ("ok", "not run")
+        assert short or check.text in flat or "as the headline says" in flat
     assert np.allclose([list(map(float, line.split())) for line in _matrix(lines)], result.X, atol=1e-9)
     assert flat.count("Next: ") == 1 and "translation x" in flat and "rotation vector x" in flat
     assert (" +- " in flat or re.search(r"\d\(\d+\)", flat) is not None) == (result.covariance is not None)
@@ -107,7 +106,8 @@ def test_it_has_every_part_once(result):
     if result.reasons:
         assert lines[1].startswith("NOT USABLE: ") and "1 sigma, worst" not in flat
     elif result.accuracy is not None:
-        assert "Not included: " in flat
+        assert not result.usable or "good for a tolerance of " in flat or "no tolerance is shown to be met" in flat
+    assert "(assumed)" not in flat and "others)" not in flat
     assert not {"nan", "None", "inf"} & set(re.findall(r"\w+", flat))
 
 

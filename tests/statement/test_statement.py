@@ -32,7 +32,7 @@ def test_the_accuracy_is_the_worst_direction_of_the_total_covariance(estimated):
     ahead = estimated.uncertainty_at([0, 0, found.distance]).covariance
     assert found.point == pytest.approx(np.sqrt(np.linalg.eigvalsh(ahead)[-1]))
     assert found.distance == pytest.approx(np.sqrt(np.mean(np.sum(POSES.camera[:, :3, 3] ** 2, axis=-1))), rel=0.02)
-    assert found.translation_95 > 1.9 * found.translation and found.rotation_95 > 1.9 * found.rotation
+    assert 1.9 < found.translation_95 / found.translation < 3.2 and 1.9 < found.rotation_95 / found.rotation < 3.2
 
 
 def test_the_parts_add_up(estimated, given):
@@ -48,7 +48,6 @@ def test_the_parts_add_up(estimated, given):
 
 def test_the_headline(given, estimated):
     assert given.headline.startswith("gripper_T_camera is known to 0.34 mm and 0.048 deg (1 sigma, worst direction)")
-    assert "a point at the target's distance, 0.62 m, to 0.28 mm" in given.headline
     assert any("assumed" in text for text in estimated.accuracy.included)
     assert not any("assumed" in text for text in given.accuracy.included)
 

@@ -5,7 +5,7 @@ import pytest
 from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.accuracy import two_numbers
+from uq_handeye.calibration.statement.accuracy import limit_of
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_the_poses_alone_give_the_covariance_for_known_errors(result):
 
 @pytest.mark.slow
 def test_words_name_what_to_declare(result):
-    text = two_numbers(result.accuracy)
+    text = limit_of(result)
     assert text.startswith("These poses alone give ") and "--robot-accuracy" in text
     assert " ".join(text.split()) in " ".join(result.summary().split())
     assert result.to_dict()["accuracy"]["from_poses"]["assumed"][0] == "robot accuracy"
@@ -40,5 +40,5 @@ def test_words_name_what_to_declare(result):
 
 def test_one_number_where_all_noise_is_given():
     poses = uq.simulate(20, noise=NOISE, seed=3)
-    accuracy = quietly(poses, noise=NOISE).accuracy
-    assert accuracy.from_poses is None and two_numbers(accuracy) is None
+    found = quietly(poses, noise=NOISE)
+    assert found.accuracy.from_poses is None and limit_of(found).startswith("Most of it is noise of the camera poses: ")

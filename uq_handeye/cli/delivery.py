@@ -73,7 +73,8 @@ def emit_result(
     if as_json:
         emit(json_of(result, verdict))
     elif quiet():
-        emit("".join(" ".join(map(repr, row)) + "\n" for row in result.X.tolist()))
+        matrix = "".join(" ".join(map(repr, row)) + "\n" for row in result.X.tolist())
+        emit(f"# X in m. {result.headline}\n{matrix}")
     else:
         from ..calibration.report.first_screen import first_screen
         from ..calibration.report.text import long_document

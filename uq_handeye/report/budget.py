@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration.report.budget import freedom, shorten_budget, shown_budget
+from ..calibration.report.budget import OTHERS, WITHIN_95, freedom, shorten_budget, shown_budget
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import budget_of_model
 from ..calibration.statement.checks import shared_groups, sizes_of
-from ..calibration.statement.tolerance import percent
 from ..core.formatting.numbers import digits, fixed
 from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ..core.geometry.pose_numbers import rotation_vector
@@ -40,8 +39,6 @@ from ..model.shared_errors.sizes import ROBOT_ACCURACY
 LEVEL = INTERVAL.probability
 # Length (mm) and angle (deg) of a table, from m and rad.
 _FACTORS = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}
-# End of the name of the smallest sources as one.
-OTHERS = " others"
 
 
 KINDS = ("rotation", "translation")
@@ -116,7 +113,7 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
         BudgetRow(
             name,
             budget.types[k],
-            Input("", "", "") if name.endswith(OTHERS) else input_of(name, result),
+            Input("", "", "") if name == OTHERS else input_of(name, result),
             float(move[k]),
             float(turn[k]),
             float(budget.dof[k]),
@@ -180,8 +177,8 @@ def correlation_of(result: Calibration) -> Array:
 
 
 def worst_of(result: Calibration) -> tuple[Stated, ...]:
-    """Return translation and rotation of X, and a point ahead of the camera, in the direction of the largest
-    variance.
+    """Return translation and rotation of X, and a point ahead of the camera: u in the direction of the largest
+    variance, U the length or angle that 95 % of the errors are within, k their ratio.
     """
     accuracy = result.accuracy
     if accuracy is None:
@@ -315,7 +312,7 @@ def gum_table(result: Calibration, most: int | None = None) -> Table:
 
     Beyond ``most`` the smallest sources are one row.
     """
-    found = sorted(budget_rows(result, most), key=lambda row: row.name.endswith(OTHERS))
+    found = sorted(budget_rows(result, most), key=lambda row: row.name == OTHERS)
     rows: list[list[Cell]] = [_source(row) for row in found]
     move, turn, _ = worst_of(result)
     rows.append([])
@@ -323,11 +320,7 @@ def gum_table(result: Calibration, most: int | None = None) -> Table:
     for title, cells in (
         (lower("combined, u_c", result), [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
         ("effective degrees of freedom", [freedom(one.dof) for one in (move, turn)]),
-        (f"coverage factor k for {percent(LEVEL)}", [f"{one.k:.2f}" for one in (move, turn)]),
-        (
-            lower("expanded, U = k u_c", result),
-            [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)],
-        ),
+        (lower(WITHIN_95, result), [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)]),
     ):
         rows.append([title, "", "", "", "", *cells, "", ""])
     head = ["source", "type", "input: u", "distribution, origin", "nu", "u (mm)", "u (deg)", "% of mm", "% of deg"]

@@ -53,7 +53,7 @@ def _first(result: Calibration, decision: Decision | None) -> list[Section]:
     return [
         Section("answer", "Result", answer, wide=True),
         Section("x", lower("Result", result), _numbers(result)),
-        Section("worst", lower("In the least certain direction", result), _worst(result)),
+        Section("worst", lower("Length of the error", result), _worst(result)),
         *_measured(result),
         Section("scope", "What the uncertainty includes", _scope(result), wide=True),
     ]
@@ -86,7 +86,14 @@ def _worst(result: Calibration) -> list[Block]:
     ahead = f"point {digits(accuracy.distance, 3)} m ahead of the camera"
     names = {"point": ahead + (" (distance of the target)" if accuracy.distance_known else "")}
     rows = [[names.get(one.name, one.name), *sizes_of_stated(one)] for one in worst_of(result)]
-    blocks: list[Block] = [Table("Uncertainty in the worst direction.", ["", *_HEAD], rows, frozenset({5}))]
+    blocks: list[Block] = [
+        Table(
+            f"u in the worst direction; U: {percent(LEVEL)} of the errors are within, k = U / u.",
+            ["", *_HEAD],
+            rows,
+            frozenset({5}),
+        )
+    ]
     if result.open_words:
         blocks.append(Paragraph(f"Not determined, and in no number: {'; '.join(result.open_words)}."))
     return [*blocks, _correlation(result)]

@@ -1,6 +1,6 @@
-"""The certificate of a rig: all poses with expanded uncertainties, relative poses, decision on each camera, conditions.
+"""The certificate of a rig: all poses with their uncertainties, relative poses, decision on each camera, conditions.
 
-Uncertainties are those of the joint covariance, in the direction in which a pose is least certain, expanded for 95 %. A
+Uncertainties are those of the joint covariance: the length and angle that 95 % of the errors of a pose are within. A
 rig in which something moved, whose residuals are larger than the noise explains, or whose cameras are not determined in
 all directions is not certified: the page states no pose.
 """
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
+from ..calibration.estimate.error_of_X import points_of, radius_95
 from ..calibration.statement.tolerance import Verdict, percent
 from ..core.files.about import ABOUT
 from ..core.files.json_values import JsonObject
@@ -102,7 +102,7 @@ class RigCertificate(Form):
         said: list[Block] = [Answer(*headline(self.result))]
         said += badges_of(self.verdicts)
         said += [Paragraph(RULE)] if self.verdicts else []
-        caption = f"Position, quaternion, and expanded uncertainty ({percent(LEVEL)}) in the least certain direction."
+        caption = f"Position, quaternion, and the length and angle U that {percent(LEVEL)} of the errors are within."
         return [
             Section("answer", "Result", [*said, Paragraph(f"Measurand: the poses below. {ERROR_MODEL}")], wide=True),
             Section("rig", "The rig", [rig_sketch(self.result)], wide=True),
@@ -140,14 +140,12 @@ class RigCertificate(Form):
 
 
 def expanded(result: RigCalibration, one: EstimatedPose) -> tuple[float, float]:
-    """Expanded uncertainty of position (m) and rotation (rad), 95 %, in the worst direction; infinite where open."""
-    dof = result.reference.dof
-    k = float(ndtri(0.5 + LEVEL / 2) if dof is None else stdtrit(dof, 0.5 + LEVEL / 2))
+    """Length (m) and angle (rad) that 95 % of the errors of position and rotation are within; infinite where open."""
     if len(one.open):
         opened = [float(np.abs(one.open[:, part]).max()) > 1e-9 for part in (slice(3, 6), slice(0, 3))]
     else:
         opened = [False, False]
-    S = one.covariance
-    sizes = [k * float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (S[3:, 3:], S[:3, :3])]
+    xi = points_of(one.covariance, result.reference, None)
+    sizes = [radius_95(xi[:, 3:]), radius_95(xi[:, :3])]
     shift, turn = (float("inf") if is_open else size for size, is_open in zip(sizes, opened, strict=True))
     return shift, turn

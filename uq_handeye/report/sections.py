@@ -16,7 +16,7 @@ import numpy as np
 from .._version import __version__
 from ..calibration.report.analysis import covariance_table, tests_not_run
 from ..calibration.report.arm import arm_sentences
-from ..calibration.report.budget import KINDS, budget_table, worst_words
+from ..calibration.report.budget import KINDS, budget_table
 from ..calibration.report.first_screen import status_of
 from ..calibration.report.noise import noise_blocks
 from ..calibration.report.points_ahead import ahead
@@ -217,7 +217,7 @@ def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
     table = budget_table(result)
     if table is None or "budget" not in drawings:
         return folded("full-budget", title, needs("The budget is computed", result))
-    return folded("full-budget", title, drawings["budget"], table, Paragraph(worst_words(result)), gum_table(result))
+    return folded("full-budget", title, drawings["budget"], table, gum_table(result))
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:

@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..calibration.report.budget import budget_table
-from ..calibration.report.first_screen import suited_to
+from ..calibration.report.first_screen import next_step
 from ..calibration.result import Calibration
-from ..calibration.statement.accuracy import combined_parts, point_ahead, two_numbers
+from ..calibration.statement.accuracy import limit_of, point_ahead, suits_of
 from ..calibration.statement.tolerance import Verdict
-from ..core.formatting.numbers import digits, fixed
-from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ..core.formatting.numbers import fixed
+from ..core.formatting.units import MM_PER_M
 from ..core.numbers.limits import MAX_NAMED
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
@@ -33,12 +33,16 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     number: list[Block] = [Answer(result.headline, colour_of(result))]
     if verdict is not None:
         number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
-    elif (suits := suited_to(result)) is not None:
+    elif (suits := suits_of(result)) is not None:
         number.append(Paragraph(suits))
-    if not result.reasons:
-        number += [Paragraph(text) for text in _contents_of(result.accuracy)]
-    elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):
+    if (limit := limit_of(result)) is not None:
+        number.append(Paragraph(limit))
+    if result.reasons and (
+        also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values())
+    ):
         number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
+    if (step := next_step(result)) is not None:
+        number.append(Paragraph(f"Next: {step}."))
     checks, subject = Checks.of(result.checks), result.facts.subject
     rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]
     caption = "Value and standard deviation (1 sigma)" + ("" if result.std is not None else "; ? is not determined")
@@ -53,20 +57,12 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     ]
 
 
-def _contents_of(accuracy: Accuracy | None) -> list[str]:
-    """Return what the number is made of, what it includes, and what it does not."""
+def _contents_of(accuracy: Accuracy | None) -> list[Block]:
+    """Return what the number includes, and what it does not."""
     if accuracy is None:
         return []
-    shown = combined_parts(accuracy.parts, MAX_NAMED)
-    parts = [
-        f"{one.name} {digits(MM_PER_M * one.translation, 2)} mm, {digits(DEG_PER_RAD * one.rotation, 2)} deg"
-        for one in shown
-    ]
-    return [
-        *([f"Made of: {'; '.join(parts)}."] if parts else []),
-        *([text] if (text := two_numbers(accuracy)) else []),
-        f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}.",
-    ]
+    text = f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}."
+    return [Paragraph(text)]
 
 
 def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
@@ -92,11 +88,12 @@ def _point_blocks(result: Calibration) -> list[Block]:
     rows = []
     for step in (0.5, 1.0, 1.5, 2.0):
         z = step * accuracy.distance
-        one, expanded = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
+        one, within = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
         name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
-        rows.append([name, fixed(MM_PER_M * one, 2), fixed(MM_PER_M * expanded, 2)])
+        rows.append([name, fixed(MM_PER_M * one, 2), fixed(MM_PER_M * within, 2)])
     caption = (
-        f"Uncertainty that X gives a point on the optical axis, in the worst direction, in the {result.facts.parent}. "
+        f"Uncertainty that X gives a point on the optical axis, in the {result.facts.parent}: 1 sigma in the worst "
+        "direction, and the length that 95 % of its errors are within. "
         "The camera's own error of the point is not part of it."
     )
     return [Table(caption, ["distance", "1 sigma (mm)", "95 % (mm)"], rows)]
@@ -154,4 +151,5 @@ def _budget(result: Calibration) -> list[Block]:
         "Standard uncertainties u of translation and rotation per axis (root mean square), and shares of the variance "
         "(JCGM 100)."
     )
-    return [replace(table, caption=caption, head=head, rows=rows, text_columns=frozenset())]
+    table = replace(table, caption=caption, head=head, rows=rows, text_columns=frozenset())
+    return [table, *([] if result.reasons else _contents_of(result.accuracy))]

@@ -103,7 +103,8 @@ def coverage_of(result: Calibration) -> str:
     """Return the meaning of the expanded uncertainty, for single numbers and for all six together."""
     text = (
         f"U = k u is the expanded uncertainty for a coverage probability of {percent(LEVEL)}; k is Student's t for the "
-        "effective degrees of freedom nu (Welch-Satterthwaite), 1.96 where all inputs are declared."
+        "effective degrees of freedom nu (Welch-Satterthwaite), 1.96 where all inputs are declared. U of a length or "
+        "an angle is what 95 % of the errors are within, in all directions together; k is then U / u."
     )
     limit = result.quantile(LEVEL)
     if not np.isfinite(limit):

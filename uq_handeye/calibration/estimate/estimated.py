@@ -22,7 +22,7 @@ from ...findings import Finding, texts
 from ...fit.diagnostics.budget import Budget, budget_of_posterior
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
-from ...fit.diagnostics.task_space import Link, PointUncertainty, frames_of, moves_of_points, through
+from ...fit.diagnostics.task_space import Link, PointUncertainty, by_pose, frames_of, moves_of_points, through
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
@@ -36,6 +36,7 @@ from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import NAMES, Names, PosePairs
 from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
+from .error_of_X import moved, points_of, tails_of
 from .parts import PARTS, Errors, Named, Origin, Quality, Solution
 
 # Components of an undetermined direction below this share of the largest are left out of the words.
@@ -353,6 +354,28 @@ class Estimated(Named, Record):
         """The d^2 that a share ``level`` of all errors stays below: the squared radius of that ellipsoid."""
         return self.reference.quantile(level)
 
+    @cached_property
+    def error_points(self) -> Array:
+        """(N, 6) errors of X drawn from its distribution (`error_of_X`), of which all statements for 95 % are made.
+
+        Raises `InputError` where the covariance of X is not determined.
+        """
+        if self.covariance is None:
+            raise InputError("The covariance of X is not determined, and so is the distribution of its errors.")
+        return points_of(self.covariance, self.reference, self.posterior if self.covariance_kind == "model" else None)
+
+    @cached_property
+    def tails(self) -> float:
+        """How many times the 95 % radius of a point is that of Gaussian errors of the same covariance.
+
+        It is that of a point at the distance of the target; infinite where too few poses determine no such radius.
+        """
+        if self.covariance is None or not self.reference.determined:
+            return math.inf
+        arm = self.X[:3, 2] * distance_of(self.analysis)[0]
+        J = by_pose(arm)
+        return tails_of(moved(self.error_points, arm), J @ self.covariance @ J.T)
+
     def uncertainty_at(
         self,
         points: ArrayLike,
@@ -413,17 +436,17 @@ class Estimated(Named, Record):
                     "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
                 )
             links = [Link("camera", camera, camera_covariance, inverted=True), Link("W", self.W, self.covariance_W)]
-            found = through(links, points, far, points_covariance)
+            found = through(links, points, far, points_covariance, self.tails)
             if opened is None:
                 return found
             return found.left_open(moves_of_points(found.points - self.W[:3, 3], opened.of_W))
         if self.covariance is None:
             raise InputError("The covariance of X is not determined, and so is that of the points.")
         X = Link("X", self.X, self.covariance)
-        found = near = through([X], points, parent, points_covariance)
+        found = near = through([X], points, parent, points_covariance, self.tails)
         if robot is not None:
             of_robot = Link("robot", robot, robot_covariance, inverted=setup == "eye-to-hand")
-            found = through([X, of_robot], points, far, points_covariance)
+            found = through([X, of_robot], points, far, points_covariance, self.tails)
             R = np.asarray(robot, dtype=float)[..., :3, :3]
             R = R if setup == "eye-in-hand" else R.mT
         if opened is None:

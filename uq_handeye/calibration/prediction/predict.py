@@ -223,7 +223,7 @@ def predict_points(
     found = seen_at(result, p, ahead, noise)
     found = found if reached is None else reached.less(found)
     S = np.broadcast_to(found.covariance(result), (*shape, 3, 3))
-    return PointUncertainty(np.broadcast_to(found.at, (*shape, 3)), S, "base")
+    return PointUncertainty(np.broadcast_to(found.at, (*shape, 3)), S, "base", tails=result.tails)
 
 
 class InBase(NamedTuple):

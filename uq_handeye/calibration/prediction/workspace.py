@@ -128,7 +128,7 @@ class _Views:
         self.flange = fitted.at(q)[:, :3, 3]
         found = tip_at(reached, zero).less(seen_at(result, points, ahead))
         S = found.covariance(result)
-        self.radius_95 = PointUncertainty(found.at, S, "base").radius_95
+        self.radius_95 = PointUncertainty(found.at, S, "base", tails=result.tails).radius_95
         values = np.linalg.eigvalsh(S)  # lengths do not ask for directions
         drawn = np.random.default_rng(1).normal(size=(100, len(S), 3)) * np.sqrt(np.maximum(values, 0.0))
         self.pooled = float(np.sqrt(np.quantile((drawn**2).sum(axis=-1), 0.95))) if len(S) else 0.0

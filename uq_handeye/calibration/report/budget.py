@@ -1,4 +1,4 @@
-"""The uncertainty budget of X as a table (JCGM 100): the share of each source, combined and expanded uncertainty."""
+"""The uncertainty budget of X as a table (JCGM 100): the share of each source, and what all of them make."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from ..result import Calibration
 from ..statement.checks import PLAIN
 
 KINDS = ("rotation", "translation")
-# Ending of the name of the sources that are one row.
-OTHERS = " others"
+# Name of the smallest sources, which are one row.
+OTHERS = "all other sources"
 DOF = "effective degrees of freedom"
+# What is stated for 95 %, of lengths and angles in all directions together.
+WITHIN_95 = "95 % of the errors are within"
 BUDGET_CAPTION = (
     "Uncertainty budget of X (JCGM 100): standard uncertainties u of translation (mm) and rotation (deg) per axis ("
     "root mean square), share of the variance, degrees of freedom; type A is evaluated from the data, type B declared"
@@ -45,7 +47,7 @@ def shown_budget(result: Calibration) -> Budget | None:
 
 
 def budget_table(result: Calibration, most: int | None = None) -> Table | None:
-    """Return standard uncertainties by source, combined and expanded, in the terms of JCGM 100; None: not known.
+    """Return standard uncertainties by source, combined and for 95 %, in the terms of JCGM 100; None: not known.
 
     Beyond ``most`` sources the smallest are one row.
     """
@@ -57,20 +59,21 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
     largest = np.max([shares[name] for name in factors], axis=0)
-    for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k].endswith(OTHERS), -largest[k])):
+    for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k] == OTHERS, -largest[k])):
         source = PLAIN.get(budget.sources[k], budget.sources[k])
         sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
         parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
         rows.append([source, budget.types[k], *sizes, *parts, freedom(float(budget.dof[k]))])
     rows.append([])
     of = [(factor, whole[name]) for name, factor in factors.items()]
-    for title, cells in (
+    ends = [
         ("combined, u_c", [fixed(factor * found.u) for factor, found in of]),
-        (DOF, [freedom(found.dof) for _, found in of]),
-        ("coverage factor k for 95 %", [f"{found.k:.2f}" for _, found in of]),
-        ("expanded, U = k u_c", [fixed(factor * found.U) for factor, found in of]),
-    ):
-        rows.append([title, "", *cells, "", "", ""])
+        (DOF, [freedom(u.dof) for _, u in of]),
+    ]
+    if (accuracy := result.accuracy) is not None and result.covariance_kind == "model":
+        within = zip(factors.values(), (accuracy.translation_95, accuracy.rotation_95), strict=True)
+        ends.append((WITHIN_95, [fixed(factor * size) for factor, size in within]))
+    rows += [[title, "", *cells, "", "", ""] for title, cells in ends]
     head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
     if not np.isfinite([*budget.dof, *(found.dof for _, found in of)]).any():  # stated once
         rows = [row[:-1] for row in rows if not row or row[0] != DOF]
@@ -87,25 +90,12 @@ def shorten_budget(budget: Budget, most: int | None) -> Budget:
     names = [name for k, name in enumerate(budget.sources) if k in small]
     merged = budget.merged(names)
     whole = " + ".join(names)
-    return replace(merged, sources=tuple(f"{len(names)}{OTHERS}" if n == whole else n for n in merged.sources))
+    return replace(merged, sources=tuple(OTHERS if n == whole else n for n in merged.sources))
 
 
 def freedom(dof: float) -> str:
     """Return degrees of freedom as a whole number, cut off as in JCGM 100, G.4.1; many count as infinite."""
     return "infinite" if not dof < 1000 else f"{int(dof)}" if dof >= 10 else digits(dof, 2)
-
-
-def worst_words(result: Calibration) -> str:
-    """The expanded uncertainty in the direction in which X is least certain."""
-    budget = shown_budget(result)
-    if budget is None:
-        return ""
-    found = budget.expanded(worst=True)
-    move, turn = found["X translation"], found["X rotation"]
-    return (
-        f"In the worst direction U is {digits(MM_PER_M * move.U, 2)} mm (k = {move.k:.2f}) and "
-        f"{digits(DEG_PER_RAD * turn.U, 2)} deg (k = {turn.k:.2f}), which covers 95 % of the errors."
-    )
 
 
 def budget_shares(result: Calibration) -> dict[str, Array]:

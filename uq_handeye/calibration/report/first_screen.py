@@ -1,7 +1,8 @@
-"""The first screen of a calibration: the answer, its parts, the checks and X, on 26 lines of 80 columns.
+"""The first screen of a calibration: the answer, the checks and X, on 26 lines of 80 columns.
 
-It shows the statement of the calibration (`statement`) and, in one line, the most useful next step; everything else is
-in the long text (`text`) and the report.
+It shows the statement of the calibration (`statement`): how accurate X is, which tolerance of a point it meets, what
+limits it, a line of checks with those that are not ok, X, and the most useful next step. Everything else is in the long
+text (`text`) and the report.
 """
 
 from __future__ import annotations
@@ -29,27 +30,23 @@ from ...core.presentation.document import (
 from ...findings import Finding
 from ...fit.diagnostics.sentences import DECLARE
 from ..result import Calibration
-from ..statement.accuracy import Accuracy, combined_parts, suits_of, two_numbers
+from ..statement.accuracy import Accuracy, combined_parts, limit_of, suits_of
 from ..statement.tolerance import Verdict
 from .arm import frame_words
+from .budget import WITHIN_95
 
-# Lines of the first screen, which fits a terminal of 80 columns.
+# Lines of a terminal: where the first screen has more, it has no empty ones.
 LINES = 26
-# Lines of the table of parts on the first screen; smaller parts are combined.
+# Rows of the table of parts; smaller parts are combined.
 MAX_PARTS_SHOWN = 4
 # With fewer poses, more of them are the first advice where noise limits X.
 MIN_POSES_TO_TAKE = 25
 
 
 def first_screen(
-    result: Calibration,
-    *,
-    verdict: Verdict | None = None,
-    last: Sequence[str] = (),
-    width: int = COLUMNS,
-    lines: int | None = LINES,
+    result: Calibration, *, verdict: Verdict | None = None, last: Sequence[str] = (), width: int = COLUMNS
 ) -> Document:
-    """Return the first screen as a document, shortened until it fits.
+    """Return the first screen as a document: title, answer, checks, X, and what comes next.
 
     Parameters
     ----------
@@ -57,51 +54,20 @@ def first_screen(
         Shown below the headline where a tolerance was given.
     last : sequence of str
         Last paragraphs: the files written and the next step.
-    width, lines : int
-        Size of the text; ``lines=None``: as long as it is.
+    width : int
+        Of the text.
     """
-    title, answer = [Heading(title_of(result, width))], answer_blocks(result, verdict)
-    of_frame = frame_words(result)
-    checks, X = (
-        checks_block(result),
-        [*x_blocks(result, width), *([Paragraph(of_frame, hang="  ")] if of_frame else [])],
-    )
-    end = [Paragraph(text, hang="  ") for text in last]
-    document: Document = []
-    groups: list[Sequence[Block]] = []
-    for most, expanded, gaps in _SHORTER:
-        groups = [title, answer, accuracy_blocks(result, most, expanded), [checks], X, end]
-        document = _joined(groups, gaps)
-        if lines is None or height(document, width) <= lines:
-            return document
-    passed = ", ".join(name for status, name, _ in checks.rows if status == "ok")  # on one line
-    rest = [row for row in checks.rows if row[0] != "ok"]
-    groups[3] = [Checks([*rest, *([("ok", passed, "passed")] if passed else [])])]
-    if lines is not None and height(_joined(groups, 0), width) > lines:
-        groups[1] = answer_blocks(result, verdict, why=False)
-        if result.reasons and height(_joined(groups, 0), width) > lines:
-            groups[4] = X[:1]  # only the numbers of an X that cannot be used
-    return _joined(groups, 0)
-
-
-# Parts shown, whether the expanded uncertainty is, and empty lines: from the longest form to the shortest.
-_SHORTER = [(4, True, 4), (4, True, 3), (4, True, 2), (3, True, 2), (3, True, 1), (3, True, 0)]
-_SHORTER += [(3, False, 0), (2, False, 0), (1, False, 0), (0, False, 0)]
-
-
-def height(document: Document, width: int) -> int:
-    """Return the lines of a document as text."""
-    return to_text(document, width).count("\n")
-
-
-def _joined(groups: Sequence[Sequence[Block]], gaps: int) -> Document:
-    """Return groups with as many empty lines between them, the most useful first: before X, below the answer, ..."""
-    joined: list[list[Block]] = [[]]
-    for k, group in enumerate(groups):
-        joined[-1] += group
-        if k in (3, 1, 2, 4)[:gaps] and group:
-            joined.append([])
-    return joined
+    facts = frame_words(result)
+    groups: list[Sequence[Block]] = [
+        [Heading(title_of(result, width)), *answer_blocks(result, verdict)],
+        [checks_in_short(result)],
+        [*([Paragraph(facts, hang="  ")] if facts else []), *x_blocks(result, width)],
+        [Paragraph(text, hang="  ") for text in last],
+    ]
+    document: Document = [list(group) for group in groups if group]
+    if to_text(document, width).count("\n") <= LINES:
+        return document
+    return [[block for group in groups for block in group]]
 
 
 # -------------------------------------------------------------------------------------------------------- the parts
@@ -153,57 +119,66 @@ def status_of(result: Calibration) -> str:
     return "ok"
 
 
-def suited_to(result: Calibration) -> str | None:
-    """Return the plain verdict that takes the place of one on a tolerance; None where X is not usable as a whole."""
-    return suits_of(result.accuracy) if result.usable and result.accuracy is not None else None
-
-
 def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool = True) -> list[Block]:
-    """Return the headline, the verdict on a tolerance, and with ``why`` the reason why X is not usable."""
+    """Return the headline, the verdict on a tolerance or the tolerance that X meets, and with ``why`` what limits X, or
+    why it is not usable.
+    """
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
         text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
         blocks.append(Answer(text, verdict.status))
-    elif (suits := suited_to(result)) is not None:
+    elif (suits := suits_of(result)) is not None:
         blocks.append(Paragraph(suits))
     if why:
         blocks += [Paragraph(str(one)) for one in result.cautions[:1] if one.severity == "failure"]
+        if (limit := limit_of(result)) is not None:
+            blocks.append(Paragraph(limit))
     return blocks
 
 
-def accuracy_blocks(result: Calibration, most: int = MAX_PARTS_SHOWN, expanded: bool = True) -> list[Block]:
-    """Return the largest parts of the accuracy and the errors not included; nothing where X is not usable."""
+def accuracy_blocks(result: Calibration, most: int = MAX_PARTS_SHOWN) -> list[Block]:
+    """Return the largest parts of the accuracy, and the errors not included; nothing where X is not usable."""
     accuracy = result.accuracy
     if accuracy is None or result.reasons:
         return []
     blocks: list[Block] = []
-    if accuracy.parts and most:
-        blocks.append(parts_table(accuracy, most, expanded))
+    if accuracy.parts:
+        blocks.append(parts_table(accuracy, most))
     else:
         blocks.append(Paragraph(f"Includes {', '.join(accuracy.included)}.", hang="  "))
-    if text := two_numbers(accuracy):
-        blocks.append(Paragraph(text, hang="  "))
     if accuracy.not_included:
         blocks.append(Paragraph(f"Not included: {', '.join(accuracy.not_included)}.", hang="  "))
     return blocks
 
 
-def parts_table(accuracy: Accuracy, most: int = MAX_PARTS_SHOWN, expanded: bool = True) -> Table:
-    """Return the parts of the accuracy, largest first and those beyond ``most`` combined, with the total for 95 %."""
+def parts_table(accuracy: Accuracy, most: int = MAX_PARTS_SHOWN) -> Table:
+    """Return the parts of the accuracy, largest first and those beyond ``most`` combined, with what holds 95 %."""
     sizes = {
         part.name: next((text for text in accuracy.included if text.startswith(part.name)), part.name)
         for part in accuracy.parts
     }
     shown = [part._replace(name=sizes.get(part.name, part.name)) for part in combined_parts(accuracy.parts, most)]
     rows = [[part.name, *_sizes(part.translation, part.rotation)] for part in shown]
-    if expanded:
-        rows.append(["total, expanded (95 %)", *_sizes(accuracy.translation_95, accuracy.rotation_95)])
+    rows.append([WITHIN_95, *_sizes(accuracy.translation_95, accuracy.rotation_95)])
     return Table("", ["1 sigma, worst direction", "mm", "deg"], rows)
 
 
 def _sizes(translation: float, rotation: float) -> list[str]:
     turn = float(np.degrees(rotation))
     return [fixed(1e3 * translation, 2) if translation >= 1e-7 else "0", fixed(turn, 2) if turn >= 1e-5 else "0"]
+
+
+def checks_in_short(result: Calibration) -> Checks:
+    """Return the checks that are not ok as in `checks_block`, and the others in one line."""
+    rows = [row for row in checks_block(result).rows if row[0] not in ("ok", "not run")]
+    ok, not_run = ([one.name for one in result.checks if one.status == status] for status in ("ok", "not run"))
+    left = f"not run: {', '.join(not_run)}" if not_run else ""
+    if ok:
+        rest = "others" if rows else "checks"
+        rows.append(("ok", rest, "; ".join(filter(None, [f"{', '.join(ok)}", left]))))
+    elif left:
+        rows.append(("not run", "others" if rows else "checks", ", ".join(not_run)))
+    return Checks(rows)
 
 
 def checks_block(result: Calibration) -> Checks:
@@ -268,9 +243,7 @@ def next_step(result: Calibration, report: str | None = None) -> str:
         return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
     if report is not None:
         return f"open {report}"
-    return (
-        _about_largest(accuracy, result.n_poses or result.n_pairs) or "add --report report.html for two pages to file"
-    )
+    return _about_largest(result, accuracy) or "add --report report.html for two pages to file"
 
 
 def step_after(findings: Sequence[Finding]) -> str | None:
@@ -278,14 +251,13 @@ def step_after(findings: Sequence[Finding]) -> str | None:
     return next(filter(None, (finding.remedy for finding in findings)), None)
 
 
-def _about_largest(accuracy: Accuracy, count: int) -> str | None:
+def _about_largest(result: Calibration, accuracy: Accuracy) -> str | None:
     """Return what to do about the largest part of the accuracy."""
     if not accuracy.parts:
         return None
-    name = accuracy.parts[0].name
+    name, count = accuracy.parts[0].name, result.n_poses or result.n_pairs
     if name.startswith("noise of") and count < MIN_POSES_TO_TAKE:
         return "take more poses to reduce the noise: uq-handeye plan chooses them"
-    assumed = any(text.startswith(name) and text.endswith("assumed)") for text in accuracy.included)
-    if assumed and name in DECLARE:
+    if name in DECLARE and any(error.error == name and error.default for error in result.shared):
         return f"measure the {name}, which limits X, and declare how well: such as {' '.join(DECLARE[name])}"
     return None

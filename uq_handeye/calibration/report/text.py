@@ -27,7 +27,7 @@ from ..result import Calibration
 from ..statement.tolerance import Verdict
 from .analysis import beside_blocks, covariance_table, diagnosis_blocks
 from .arm import arm_blocks, arm_sentences
-from .budget import budget_table, worst_words
+from .budget import budget_table
 from .first_screen import accuracy_blocks, answer_blocks, checks_block, data_words, first_screen, matrix_block, title_of
 from .noise import noise_blocks
 from .residuals import flagged_blocks, pair_table
@@ -63,7 +63,6 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
         shared_blocks(result),
         flagged_blocks(result),
         *tables,
-        Paragraph(worst_words(result)),
         diagnosis_blocks(result),
         *_scope(result),
         *_other_forms(result),

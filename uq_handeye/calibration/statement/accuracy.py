@@ -4,8 +4,9 @@ The headline states it in one sentence, or that X cannot be used and why.
 
 Model: ``xi = (theta, tau)`` of X has the covariance S of the calibration (noise, shared errors, correlation). The
 standard uncertainty of a part in its worst direction is the root of the largest eigenvalue of its block of S; that of a
-point p straight ahead of the camera is ``sqrt(max eig J S J^T)``, ``J = [-[R p]x, I]`` (`diagnostics.task_space`). The
-coverage factor for 95 % is Student's t with the effective degrees of freedom in that direction (JCGM 100, G.4).
+point p straight ahead of the camera is ``sqrt(max eig J S J^T)``, ``J = [-[R p]x, I]`` (`diagnostics.task_space`). What
+is stated for 95 % is the length that 95 % of the errors are within, in all directions together, by the points of
+`estimate.error_of_X`: the rule of the verdict on a tolerance, too.
 
 *From the poses.* Errors a of robot, camera and target that are assumed, and that the data do not determine, add the
 uncertainty of their priors. With P the joint covariance of xi and a, the contribution of the poses alone is the
@@ -20,16 +21,18 @@ from functools import cached_property
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...fit.diagnostics.budget import EACH, SHARED, Budget
 from ...model.noise.joint_covariance import group_of
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ..estimate.error_of_X import radius_95
 from ..estimate.estimated import Estimated, distance_of
 from .checks import PLAIN, Checked, included, lower_limit_of, not_included
 from .tolerance import ToleranceLike, Verdict, verdict_of
@@ -38,6 +41,8 @@ from .tolerance import ToleranceLike, Verdict, verdict_of
 MAX_PRIOR_SHARE = 0.5
 # What default priors add is stated where X is this many times as uncertain with them.
 MIN_PRIOR_GAIN = 1.25
+# A tolerance that X is said to meet is larger by this share than the length that it is rounded from.
+SIZE_MARGIN = 1e-3
 _KINDS = ("rotation", "translation", "coupling")
 
 
@@ -63,7 +68,9 @@ class FromPoses(Record):
 
 @dataclass(frozen=True)
 class Accuracy(Record):
-    """Standard uncertainties (1 sigma) of X in the worst direction, in m and rad; ``_95``: expanded, for 95 %.
+    """Standard uncertainties (1 sigma) of X in the worst direction, in m and rad.
+
+    ``_95``: the length or angle that 95 % of the errors are within, in all directions together.
 
     ``point`` is that of a point straight ahead of the camera, ``distance`` (m) away: the distance of the target where
     it is known. Directions that the poses leave open are not part of the numbers.
@@ -94,9 +101,9 @@ def accuracy_of(result: Statement) -> Accuracy | None:
     distance, known = distance_of(result.analysis)
     point, point_95 = point_ahead(result, distance)
     budget = budget_of_model(result)
+    xi = result.error_points
     touched = sum(one.values["count"] for one in result.findings if one.code == "evidence.touches_used")
     move, turn = _worst(S[3:, 3:]), _worst(S[:3, :3])
-    k_move, k_turn = _factors(budget, result, "X translation", "X rotation")
     words = [
         f"{text} (assumed)" if default and not text.endswith("assumed)") else text for text, default in included(result)
     ]
@@ -106,8 +113,8 @@ def accuracy_of(result: Statement) -> Accuracy | None:
         translation=_steady(move),
         rotation=_steady(turn),
         point=_steady(point),
-        translation_95=_steady(k_move * move),
-        rotation_95=_steady(k_turn * turn),
+        translation_95=_steady(radius_95(xi[:, 3:])),
+        rotation_95=_steady(radius_95(xi[:, :3])),
         point_95=_steady(point_95),
         distance=distance,
         distance_known=known,
@@ -168,7 +175,7 @@ def combined_parts(parts: Sequence[Part], most: int) -> list[Part]:
     size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0)).tolist()
     names = ", ".join(part.name for part in rest)
     if len(names) > 48:
-        names = f"{len(rest)} others" if most > 1 else "all errors"
+        names = "all other errors" if most > 1 else "all errors"
     return [*parts[: most - 1], Part(names, *size)]
 
 
@@ -189,23 +196,12 @@ def budget_of_model(result: Estimated) -> Budget | None:
 
 
 def point_ahead(result: Estimated, distance: float) -> tuple[float, float]:
-    """Return the standard and the expanded uncertainty (95 %) of a point straight ahead of the camera, in the worst
-    direction, m; infinite where it is not determined.
+    """Return the standard uncertainty of a point straight ahead of the camera in the worst direction, and the length
+    that 95 % of its errors are within, m; infinite where it is not determined.
     """
-    at = np.array([0.0, 0.0, distance])
-    S, budget = result.uncertainty_at(at).covariance, budget_of_model(result)
-    (k,) = _factors(None if budget is None else budget.budget_at(at), result, "point")
-    u = _worst(S) if np.isfinite(S).all() else float("inf")
-    return u, k * u
-
-
-def _factors(budget: Budget | None, result: Estimated, *names: str) -> list[float]:
-    """Return coverage factors for 95 % in the worst direction, of these quantities of the budget."""
-    if budget is None:
-        dof = result.reference.dof
-        return [float(ndtri(0.975)) if dof is None else float(stdtrit(dof, 0.975))] * len(names)
-    found = budget.expanded(worst=True)
-    return [found[name].k for name in names]
+    found = result.uncertainty_at(np.array([0.0, 0.0, distance]))
+    S = found.covariance
+    return _worst(S) if np.isfinite(S).all() else float("inf"), float(found.radius_95)
 
 
 def _steady(number: float) -> float:
@@ -226,22 +222,27 @@ def amounts(translation: float, rotation: float) -> str:
 NOT_USABLE = "NOT USABLE"
 
 
-def suits_of(accuracy: Accuracy) -> str | None:
-    """Return a sentence with the tolerances of points that X meets and does not meet; None where that is not known.
+def suits_of(result: Statement) -> str | None:
+    """Return a sentence with the tolerance of a point that X meets; None where X is not usable or that is not known.
 
-    Of the steps 1, 2, 5 mm and so on: the least that 95 % of the errors of a point at the distance of the target are
-    within, in the worst direction, and the largest that a third of them are beyond.
+    It is the length that 95 % of the errors of a point at the distance of the target are within, rounded up to two
+    digits: the verdict on this tolerance there is PASS.
     """
-    if not np.isfinite(accuracy.point_95) or accuracy.point <= 0:
+    accuracy = result.accuracy
+    if not result.usable or accuracy is None or not np.isfinite(accuracy.point_95) or accuracy.point <= 0:
         return None
-    steps = np.outer(10.0 ** np.arange(-7, 4), [1.0, 2.0, 5.0]).ravel()
-    good, bad = steps[steps >= accuracy.point_95], steps[steps < accuracy.point]
-    if not good.size or not bad.size:
-        return None
-    far, fails = f"Points {digits(accuracy.distance, 2)} m ahead", f"{digits(1e3 * bad[-1], 1)} mm"
-    if accuracy.lower_limit:
-        return f"{far}: not for {fails}; no larger tolerance is shown to be met."
-    return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); not for {fails}."
+    size = rounded_up(accuracy.point_95 * MM_PER_M * (1.0 + SIZE_MARGIN))
+    far = f"{'The target' if accuracy.distance_known else 'A point'} {digits(accuracy.distance, 3)} m ahead"
+    verdict = result.verdict((float(size) / MM_PER_M, None), at=accuracy.distance)
+    if verdict.passed:
+        return f"{far}: good for a tolerance of {size} mm (95 %)."
+    return f"{far}: no tolerance is shown to be met: {'; '.join(verdict.reasons)}."
+
+
+def rounded_up(number: float, places: int = 2) -> str:
+    """Return a number above 0 with so many digits, the last one rounded up."""
+    step = 10.0 ** (np.floor(np.log10(number)) - places + 1)
+    return digits(float(np.ceil(number / step * (1 - SOLUTION_ROUNDING)) * step), places)
 
 
 # Owner of each error whose size is assumed, and the option that declares it.
@@ -256,23 +257,21 @@ _ASSUMED = {
 }
 
 
-def two_numbers(accuracy: Accuracy) -> str | None:
-    """Return a sentence on the parts of the poses and of assumed errors, with advice; None if the latter are small."""
-    own = accuracy.from_poses
-    if own is None:
+def limit_of(result: Statement) -> str | None:
+    """Return a sentence on what limits the accuracy: priors of errors that are assumed, with advice, or the largest
+    part; None where X is not usable or that is not known.
+    """
+    accuracy = result.accuracy
+    if accuracy is None or result.reasons:
         return None
-    of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "Declare it"))
-    known = amounts(own.translation, own.rotation)
-    return f"These poses alone give {known}; the rest is assumed of {of}. {give}."
-
-
-def _ahead(accuracy: Accuracy) -> str:
-    """Return how well a point at the distance of the target is known."""
-    far = f"{digits(accuracy.distance, 3)} m"
-    point = f"{digits(1e3 * accuracy.point, 2)} mm" if np.isfinite(accuracy.point) else "not determined"
-    if accuracy.distance_known:
-        return f"a point at the target's distance, {far}, to {point}"
-    return f"a point {far} ahead of the camera to {point}"
+    if (own := accuracy.from_poses) is not None:
+        of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "Declare it"))
+        known = amounts(own.translation, own.rotation)
+        return f"These poses alone give {known}; the rest is assumed of {of}. {give}."
+    if not accuracy.parts:
+        return None
+    largest = accuracy.parts[0]
+    return f"Most of it is {largest.name}: {amounts(largest.translation, largest.rotation)}."
 
 
 class Statement(Checked):
@@ -311,7 +310,7 @@ class Statement(Checked):
         known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
         if accuracy.lower_limit:
             known = f"no better than {known}"
-        return f"{self.frame} is known to {known}; {_ahead(accuracy)}."
+        return f"{self.frame} is known to {known}."
 
     def verdict(self, tolerance: ToleranceLike, at: str | float | None = None) -> Verdict:
         """Return whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability (`statement.tolerance`).

@@ -179,10 +179,8 @@ def _of_halves(result: Estimated) -> Check:
     if not run:
         return Check(HALVES, "not run", halves[0].finding.phrase, (halves[0].finding,))
     least = min(float(np.min(half.p_value)) for half in run if half.p_value is not None)
-    if least < CAUTION_OF_TEN_TESTS:
-        words = f"X of two halves differs more than is usual ({probability(least, 2)})"
-        return Check(HALVES, "caution", words, tuple(h.finding for h in run))
-    return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
+    words = "agrees" if least >= UNUSUAL.probability else "differs no more than by chance"
+    return Check(HALVES, "ok", f"X of two halves {words} ({probability(least, 2)})", tuple(h.finding for h in run))
 
 
 # These errors have a plainer name in text.
@@ -196,7 +194,11 @@ def shared_groups(result: Estimated) -> list[SharedGroup]:
 
 
 def included(result: Estimated) -> list[tuple[str, bool]]:
-    """Return the shared errors that the covariance of X includes, and whether each is a default."""
+    """Return the shared errors that the covariance of X includes, and whether the size of each is assumed.
+
+    It is not where the data found the size, or where it was declared.
+    """
+    found = {part.name for part in result.components if not part.known}
     parts: list[tuple[str, bool]] = []
     if of_camera(result):
         parts.append(("errors of the intrinsics", False))
@@ -212,7 +214,7 @@ def included(result: Estimated) -> list[tuple[str, bool]]:
         if name in of_arm:
             continue
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
-        parts.append((f"{PLAIN.get(name, name)} {' and '.join(sizes)}", of_error[0].default))
+        parts.append((f"{PLAIN.get(name, name)} {' and '.join(sizes)}", of_error[0].default and name not in found))
     columns = dict.fromkeys(map(group_of, column_names(result)))
     parts += [(name, False) for name in columns if not groups]
     if result.time_offset is not None and result.time_offset.std > 0:

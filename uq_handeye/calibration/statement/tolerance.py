@@ -1,15 +1,11 @@
 r"""Test whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
 
-Model: the error ``xi = (theta, tau)`` of X has the posterior of the calibration: Gaussian with its covariance S, or
-where sizes are estimated the mixture over them. Without a posterior (motions, covariances by the residuals) it is
-Gaussian, or Student's t with the degrees of freedom of the `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z
-standard normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is
-that of
+Model: the error ``xi = (theta, tau)`` of X has the distribution of `estimate.error_of_X`. The probability is that of
 
     |theta| <= rotation    and    |tau| <= translation,   or of a point p straight ahead of the camera
     |theta| <= rotation    and    |theta x R p + tau| <= translation
 
-by a scrambled Sobol sequence of 2^14 points (a standard error below 0.001). PASS from a probability of 95 %, FAIL up to
+by its 2^14 points (an error below 0.001). PASS from a probability of 95 %, FAIL up to
 5 % (JCGM 106, acceptance by a limit of the probability of conformity), else NOT SHOWN. It is never PASS where X is not
 usable, a direction of X is not determined, the accuracy is a lower limit, or a check failed.
 """
@@ -18,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -30,6 +25,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import INTERVAL
 from ...errors import InputError
 from ...fit.likelihood.reference import Reference
+from ..estimate.error_of_X import moved, points_of
 from ..estimate.estimated import Estimated
 from .checks import Checked, lower_limit_of
 
@@ -184,39 +180,17 @@ def verdict_of(result: Checked, tolerance: ToleranceLike, at: str | float | None
 
 def probability_of(result: Estimated, tolerance: Tolerance) -> float:
     """Return the probability that X of a result with a covariance lies within a tolerance, by its posterior."""
-    assert result.covariance is not None
-    R, posterior = result.X[:3, :3], result.posterior
-    if posterior is None or posterior.points is None or result.covariance_kind != "model":
-        return probability_within(result.covariance, result.reference, tolerance, R)
-    z, u = _draws()
-    weights, means, covariances = posterior.mixture_of("X")
-    of = np.searchsorted(np.cumsum(weights)[:-1], u)
-    return _share_within(means[of] + np.einsum("nij,nj->ni", _root(covariances)[of], z), tolerance, R)
+    return _share_within(result.error_points, tolerance, result.X[:3, :3])
 
 
 def probability_within(S: Array, reference: Reference, tolerance: Tolerance, R: Array) -> float:
     """Return the probability that an error of covariance S (6, 6) of X stays within the tolerance; R rotates X."""
-    z, u = _draws()
-    xi = z @ _root(S).T  # (N, 6)
-    if reference.dof is not None:
-        from scipy.special import chdtri
-
-        nu = reference.dof - 5 if reference.kind == "Hotelling" else reference.dof
-        scale = reference.dof - 2 if reference.kind == "t" else reference.dof
-        xi = xi * np.sqrt(scale / np.maximum(chdtri(nu, u), 1e-300))[:, None]
-    return _share_within(xi, tolerance, R)
-
-
-def _root(S: Array) -> Array:
-    values, vectors = np.linalg.eigh(S)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+    return _share_within(points_of(S, reference, None), tolerance, R)
 
 
 def _share_within(xi: Array, tolerance: Tolerance, R: Array) -> float:
     """Return the share of errors (N, 6) that stay within the tolerance."""
-    theta, move = xi[:, :3], xi[:, 3:]
-    if tolerance.at is not None:
-        move = move + np.cross(theta, R[:, 2] * tolerance.at)
+    theta, move = xi[:, :3], xi[:, 3:] if tolerance.at is None else moved(xi, R[:, 2] * tolerance.at)
     inside = np.ones(len(xi), dtype=bool)
     if tolerance.rotation is not None:
         inside &= np.linalg.norm(theta, axis=1) <= tolerance.rotation
@@ -232,16 +206,6 @@ def percent(probability: float) -> str:
     if probability < 0.001:
         return "less than 0.1 %"
     return f"{digits(100 * probability, 3)} %"
-
-
-@cache
-def _draws() -> tuple[Array, Array]:
-    """Return six standard normal numbers (N, 6) and one uniform (N,) for each point of the sequence."""
-    from scipy.special import ndtri
-    from scipy.stats.qmc import Sobol
-
-    points = np.clip(Sobol(7, seed=0).random_base2(14), 1e-12, 1 - 1e-12)
-    return np.asarray(ndtri(points[:, :6])), points[:, 6]
 
 
 def _length(value: str | float, name: str) -> float:

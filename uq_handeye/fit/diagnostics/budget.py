@@ -70,7 +70,7 @@ class Budget(Record):
     p components: 6 of X, then 6 of W where there is one; or 3 of a task point.
     """
 
-    _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined expanded_95"
+    _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined"
     _in_file: ClassVar[str] = f"{_stored} shares"
 
     sources: tuple[str, ...]
@@ -237,11 +237,6 @@ class Budget(Record):
     def in_file(self) -> JsonObject:
         """Parts that a result file holds."""
         return attributes(self, self._stored)
-
-    @property
-    def expanded_95(self) -> dict[str, Expanded]:
-        """Expanded uncertainties for 95 %, by group of components."""
-        return self.expanded()
 
     @classmethod
     def of(cls, data: JsonObject, X: Array) -> Budget:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from ...core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
-from ...core.numbers.levels import CONTRADICTED
+from ...core.numbers.levels import UNUSUAL
 from ...findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 
 # The values of a finding, by name.
@@ -338,10 +338,10 @@ def _(
     split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
 ) -> str:
     verdict, advice = "agree" if agree else "do not agree", ""
-    if not agree:  # of several tests one is below 5 % by chance: that is no contradiction yet
+    if not agree:
         advice = " The covariance is too small, or the halves have different systematic errors."
-        if p_value >= CONTRADICTED.probability:
-            advice = " Chance alone can explain that."
+    elif p_value < UNUSUAL.probability:  # of several tests one is below 5 % by chance
+        advice = " That is unusual, and no contradiction."
     return (
         f"The two halves of the data ({SPLITS.get(split, split)}: {sizes[0]} and {sizes[1]}) {verdict} within their "
         f"covariances: X differs by {DEG_PER_RAD * rotation:.2g} deg and {MM_PER_M * translation:.2g} mm "

@@ -27,7 +27,7 @@ from scipy.special import chdtrc, fdtrc
 
 from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
-from ...core.numbers.levels import CONTRADICTED, UNUSUAL
+from ...core.numbers.levels import CONTRADICTED
 from ...core.numbers.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
@@ -68,8 +68,8 @@ class SplitHalf(Record):
 
     @property
     def passed(self) -> NDArray[np.bool_] | None:
-        """(...) whether the halves agree at the 95 % level; None where the test is not possible."""
-        return None if self.p_value is None else np.asarray(self.p_value > UNUSUAL.probability)
+        """(...) whether the halves agree: their difference is no contradiction; None where the test is not possible."""
+        return None if self.p_value is None else np.asarray(self.p_value >= CONTRADICTED.probability)
 
     @property
     def possible(self) -> bool:
@@ -95,7 +95,7 @@ class SplitHalf(Record):
             "p_value": self.p_value,
             "agree": self.passed,
         }
-        return Finding("diagnostics.halves", "caution" if self.p_value < CONTRADICTED.probability else "note", values)
+        return Finding("diagnostics.halves", "note" if self.passed else "caution", values)
 
     @property
     def sentence(self) -> str:

@@ -30,8 +30,8 @@ from ...core.formatting.numbers import concise, digits
 from ...core.formatting.units import MM_PER_M
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
-from ...core.numbers.levels import UNUSUAL
 from ...core.numbers.limits import MAX_LISTED
+from ...core.numbers.quantiles import radius_holding
 from ...core.presentation.document import Document, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
@@ -41,15 +41,29 @@ from .pose_table import MAX_TABLE_ROWS
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointUncertainty(Record, Shown):
-    """Points and their covariances in one frame, in metres."""
+    """Points and their covariances in one frame, in metres.
+
+    Attributes
+    ----------
+    points : (..., 3)
+    covariance : (..., 3, 3)
+        Infinite on the diagonal of coordinates that move along what is open.
+    frame : str
+    open_directions : (..., k, 3) or None
+        How the points move along what is open; None: nothing is.
+    tails : float
+        How many times `radius_95` is that of Gaussian errors of the same covariance: above 1 where the sizes of the
+        errors are uncertain.
+    """
 
     _in_file: ClassVar[str] = "frame points covariance std radius_95 open_directions"
     _if_any: ClassVar[str] = "open_directions"
 
-    points: Array  # (..., 3)
-    covariance: Array  # (..., 3, 3), infinite on the diagonal of coordinates that move along what is open
+    points: Array
+    covariance: Array
     frame: str
-    open_directions: Array | None = None  # (..., k, 3): how the points move along what is open; None: nothing is
+    open_directions: Array | None = None
+    tails: float = 1.0
 
     @property
     def std(self) -> Array:
@@ -58,10 +72,10 @@ class PointUncertainty(Record, Shown):
 
     @property
     def radius_95(self) -> Array:
-        """(...) longest half axis of the 95 % ellipsoid: a sphere of it holds at least 95 %, or is infinite."""
+        """(...) radius of the sphere that holds 95 % of the errors of a point, in all directions; or infinite."""
         some = np.asarray(np.isfinite(self.std).all(axis=-1))
         finite = np.where(some[..., None, None], self.covariance, 0.0)
-        return np.asarray(np.where(some, np.sqrt(UNUSUAL.chi_square(3) * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
+        return np.asarray(np.where(some, self.tails * radius_holding(finite), np.inf))
 
     @property
     def frame_words(self) -> str:
@@ -87,7 +101,7 @@ class PointUncertainty(Record, Shown):
         S = np.where(moved[..., :, None] | moved[..., None, :], 0.0, self.covariance)
         index = np.arange(3)
         S[..., index, index] = np.where(moved, np.inf, S[..., index, index])
-        return PointUncertainty(self.points, S, self.frame, moves)
+        return PointUncertainty(self.points, S, self.frame, moves, self.tails)
 
 
 class Link(NamedTuple):
@@ -100,7 +114,11 @@ class Link(NamedTuple):
 
 
 def through(
-    links: Sequence[Link], points: ArrayLike, frame: str, points_covariance: ArrayLike | None = None
+    links: Sequence[Link],
+    points: ArrayLike,
+    frame: str,
+    points_covariance: ArrayLike | None = None,
+    tails: float = 1.0,
 ) -> PointUncertainty:
     """Points (..., 3) in camera coordinates, expressed in the ``frame`` that poses, independent of each other, lead to.
 
@@ -112,6 +130,8 @@ def through(
         Metres, in the camera frame.
     points_covariance : (3, 3), (..., 3, 3) or None
         Noise of the points themselves, in the camera frame.
+    tails : float
+        See `PointUncertainty`.
 
     Raises
     ------
@@ -126,7 +146,7 @@ def through(
             J = inverse_jacobian(T)
             T, S = inverse(T), J @ S @ J.mT
         p, covariance = _carried(T, S, p, covariance)
-    return PointUncertainty(p, np.asarray(covariance), frame)
+    return PointUncertainty(p, np.asarray(covariance), frame, tails=tails)
 
 
 def _carried(T: Array, S: Array, points: Array, noise: Array | None) -> tuple[Array, Array]:

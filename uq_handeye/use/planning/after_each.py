@@ -141,7 +141,8 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
             parts[name] += _mean_square(S, length)
     largest = max(parts, key=lambda name: parts[name])
     what = next((text for text in result.accuracy.included if text.startswith(largest)), largest)
-    if "(assumed)" in what and (result.n_poses or 0) < MIN_POSES_SETTLED:
+    assumed = any(error.error == largest and error.default for error in result.shared)
+    if assumed and (result.n_poses or 0) < MIN_POSES_SETTLED:
         return None
     share = _mean_square(floor, length) / _mean_square(total, length)
     makes = f"what limits X is the {what}; errors that all poses share make {100 * share:.0f} % of its variance"
