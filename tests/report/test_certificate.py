@@ -173,7 +173,9 @@ def test_a_lower_limit_is_marked(results):
     assert marked.accuracy.lower_limit
     data, page = made(marked).to_dict(), Page(made(marked).to_html())
     assert data["result"]["lower_limit"] and "LOWER LIMIT" in page.words("answer")
-    assert "Result (lower limit)" in page.words("x") and "expanded, U = k u_c (lower limit)" in page.words("budget")
+    assert "Result (lower limit)" in page.words("x") and "95 % of the errors are within (lower limit)" in page.words(
+        "budget"
+    )
     assert "LOWER LIMIT" not in Page(made(results["given"]).to_html()).words("answer")
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from ..calibration.report.budget import OTHERS, WITHIN_95, freedom, shorten_budget, shown_budget
 from ..calibration.result import Calibration
@@ -200,11 +201,9 @@ def worst_of(result: Calibration) -> tuple[Stated, ...]:
 
 
 def _by_reference(result: Calibration) -> tuple[float, float]:
-    """Return degrees of freedom and coverage factor of the whole covariance."""
-    accuracy, dof = result.accuracy, result.reference.dof
-    assert accuracy is not None  # where there is a covariance
-    k = accuracy.translation_95 / accuracy.translation if accuracy.translation > 0 else float("nan")
-    return float("inf") if dof is None else float(dof), k
+    """Return degrees of freedom and coverage factor of a single number of the whole covariance."""
+    dof = result.reference.dof
+    return (float("inf"), float(ndtri(0.5 + LEVEL / 2))) if dof is None else (dof, float(stdtrit(dof, 0.5 + LEVEL / 2)))
 
 
 def input_of(source: str, result: Calibration) -> Input:

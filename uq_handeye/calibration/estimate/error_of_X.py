@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.quantiles import holding, normal_points, radius_holding, uniform_points
+from ...core.numbers.quantiles import POINTS, holding, normal_points, radius_holding, uniform_points
 from ...fit.likelihood.reference import Reference
 from ...model.posterior.posterior import Posterior
 
@@ -22,8 +22,11 @@ from ...model.posterior.posterior import Posterior
 def points_of(S: Array, reference: Reference, posterior: Posterior | None) -> Array:
     """Errors (N, 6) of X, of covariance S (6, 6), drawn from its distribution; see the module.
 
-    ``posterior``: where it is the mixture over the sizes of errors, the points are drawn from that.
+    ``posterior``: where it is the mixture over the sizes of errors, the points are drawn from that. Infinite where too
+    few poses determine no distribution.
     """
+    if not reference.determined:
+        return np.full((POINTS, 6), np.inf)
     z, u = normal_points(7)[:, :6], uniform_points(7)[:, 6]
     if posterior is not None and posterior.points is not None:
         weights, means, covariances = posterior.mixture_of("X")

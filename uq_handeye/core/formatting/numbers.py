@@ -32,12 +32,14 @@ def rough(value: float) -> str:
 
 
 def fixed(value: float | np.floating[Any], significant: int = SIGNIFICANT_DIGITS) -> str:
-    """Format as `digits`, but keep the zeros at the end: for columns of a table.
+    """Format as `digits`, but keep the zeros at the end: for columns of a table; infinite is "not determined".
 
     >>> fixed(0.8), fixed(10), fixed(1234.5), fixed(0)
     ('0.800', '10.0', '1234', '0')
     """
     value = float(value)
+    if isinf(value):
+        return "not determined"
     if value == 0 or not isfinite(value) or not 1e-4 <= abs(value) < 1e6:
         return digits(value, significant)
     return f"{value:.0f}" if abs(value) >= 10**significant else f"{value:#.{significant}g}".rstrip(".")
