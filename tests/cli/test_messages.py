@@ -239,7 +239,7 @@ def test_a_stored_result_meets_a_tolerance_or_not(session, tmp_path):
     assert "Uncertainty budget" in run("report", stored, "-v").stdout
     for tolerance, status, word in (("5mm", 0, "PASS"), ("0.001mm", 5, "FAIL")):
         done = run("report", stored, "--tolerance", tolerance)
-        assert done.returncode == status and done.stdout.splitlines()[3].startswith(f"{word}: ")
+        assert done.returncode == status and done.stdout.splitlines()[2].startswith(f"{word}: ")
     for wrong in (("--tolerance", "5"), ("--tolerance", "mm"), ("--at", "1m"), ("--tolerance", "1deg", "--at", "1m")):
         done = run("report", stored, *wrong)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
