@@ -35,6 +35,9 @@ from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
 from .arm import Arm, _arm_of, with_declared
 from .request import BUNDLE, Request, of_motions
 
+# A robot whose positions differ by less than this pivots about one point (m).
+SAME_PLACE_M = 1e-9
+
 # A pose (4, 4) and its covariance (6, 6), as a prior is given.
 PoseAndCovariance: TypeAlias = tuple[ArrayLike, ArrayLike]
 
@@ -188,7 +191,7 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
         arm = arm._replace(at=at)
     declared = prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
     robot_known = declared or noise is not None or robot is not None or arm is not None
-    assumed = {ROBOT_ACCURACY} if robot_known else set()
+    assumed = {ROBOT_ACCURACY} if robot_known or _stands(motions.poses) else set()
     if not bound or motions.poses is None or motions.poses.truth is not None:
         assumed = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
     errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.name in assumed)))
@@ -234,6 +237,11 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
     )
     _require_open_sizes(job)
     return job
+
+
+def _stands(poses: PosePairs | None) -> bool:
+    """Return whether the origin of the gripper stays in one place, as of a gimbal: errors over a workspace are none."""
+    return poses is not None and float(np.ptp(poses.robot[..., :3, 3], axis=-2).max(initial=0.0)) < SAME_PLACE_M
 
 
 def _require_open_sizes(job: Job) -> None:

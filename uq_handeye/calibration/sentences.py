@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from ..core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, Values, sentence
 from ..fit.diagnostics.sentences import along
 from ..model.poses.pose_numbers import ranges
 from .estimate.estimated import open_words
+
+# Open directions of a robot that only translates turn X by less than this (rad per m).
+MAX_TURN_OF_A_GANTRY = 0.05
 
 
 def _of_two(v: Values) -> float:
@@ -276,12 +282,19 @@ def _(of: str, chi2: float, dof: int, p_value: float) -> str:
     return f"The prior of {of} agrees with the data: {test}."
 
 
+def _open_remedy(v: Mapping[str, Any]) -> str:
+    """Return what determines the open directions; several translations are open where the robot does not rotate."""
+    if len(v["directions"]) < 2 or np.abs(np.asarray(v["directions"])[:, :3]).max() > MAX_TURN_OF_A_GANTRY:
+        return "add poses that rotate about another axis: uq-handeye plan chooses them"
+    return "measure the target or the camera and give it (--known 'target z = 50mm +- 1mm'), or rotate the robot"
+
+
 @sentence(
     "calibration.open",
     check=MOTION,
     phrase=_open_in_short,
     effect=5,
-    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+    remedy=_open_remedy,
 )
 def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
     return (

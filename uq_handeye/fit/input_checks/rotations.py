@@ -21,7 +21,9 @@ from ..likelihood.constraint import covariances_of, of_motions
 ANGLE_DISAGREEMENT_RAD = np.radians(2.5)
 # Noise may be the cause where the difference is below this share of that of rows that do not belong together.
 MAX_NOISE_SHARE = 0.15
-# Smaller rotations amplify the noise. Within this angle of each other, rotation axes are nearly parallel: the rotation
+# Where no two poses are farther apart than this, the noise is amplified.
+SMALL_ROTATION_RAD = np.radians(15.0)
+# Within this angle of each other, rotation axes are nearly parallel: the rotation
 # about them and the translation along them are hardly determined.
 SMALL_ANGLE_RAD = np.radians(5.0)
 # The angle beyond which 4DPA gives a motion almost no weight.
@@ -53,7 +55,7 @@ def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[
     if half > 0.25 and method == "4dpa":
         found.append(Finding("input_checks.half_turns", "caution", {"share": half}))
     largest = float(angle.max(initial=0.0))
-    if largest < SMALL_ANGLE_RAD:
+    if largest < SMALL_ROTATION_RAD:
         found.append(Finding("input_checks.small_rotations", "caution", {"largest": largest}))
     spread, axis = _axis_spread(R_A)
     if spread[2] > 0 and spread[0] + spread[1] < np.sin(SMALL_ANGLE_RAD) ** 2 * spread[2]:

@@ -15,6 +15,8 @@ from ...findings import MOTION, NOISE, OUTLIERS, filled, sentence
 from .readings import CAMERA, in_words, of_lengths, of_readings, option_of
 
 _DEG, _MM = 180.0 / math.pi, 1e3
+# A robot whose poses differ by less than this does not rotate.
+NO_ROTATION_RAD = 1e-3
 _NOISE_REMEDY = "leave the noise out, it is then estimated; or correct it"
 _LOOK = "look at the residuals by pose in the report: --report report.html"
 
@@ -164,13 +166,34 @@ sentence(
     check=MOTION,
     phrase="many rotations above 150 deg, little weight in 4dpa",
 )
+
+
+def _small_rotations(largest: float) -> str:
+    if largest < NO_ROTATION_RAD:
+        return (
+            "The robot does not rotate: the rotation of X comes from its translations alone, and the translation of X "
+            "stays open but for what is known of target or camera (--known)."
+        )
+    return (
+        f"The robot rotates by at most {digits(_DEG * largest, 2)} degrees, which amplifies the noise. Rotate it by 30 "
+        "degrees or more, about different axes."
+    )
+
+
 sentence(
     "input_checks.small_rotations",
-    "The robot rotates by at most {largest:deg.2g} degrees, which amplifies the noise. Rotate it by 30 degrees or "
-    "more, about different axes.",
+    _small_rotations,
     check=MOTION,
-    phrase="rotations of {largest:deg~2} deg at most: noise amplified",
-    remedy="add poses that rotate by 30 deg and more, about different axes",
+    phrase=lambda v: (
+        "the robot does not rotate"
+        if v["largest"] < NO_ROTATION_RAD
+        else f"rotations of {digits(_DEG * v['largest'], 2)} deg at most: noise amplified"
+    ),
+    remedy=lambda v: (
+        "measure the target or the camera and give it (--known), or rotate the robot"
+        if v["largest"] < NO_ROTATION_RAD
+        else "rotate more: add poses 30 deg and more apart, about different axes"
+    ),
 )
 
 

@@ -29,18 +29,18 @@ from scipy.special import chdtri
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, vee
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.all_pairs import solve_all_pairs
 from ...methods.propagation.target_pose import mean_target
 from ...model.noise.models import Noise, with_prior, without_prior
 from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import cholesky_of, whiten
+from ...model.noise.square_roots import cholesky_of, gram, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import MAX_AXIS_ROWS, MIN_RESOLVED_SHARE, Constraint, Unknowns, residual_covariance
-from .open_directions import lever_of, own_covariances, step_from
+from .open_directions import beside_prior, lever_of, own_covariances, step_from
 
 # Largest number of steps of a search for a start.
 MAX_START_STEPS = 30
@@ -132,6 +132,8 @@ def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | N
     X = _candidates(few, known)
     at = few.complete(X)
     guess = _rough(few, known) if noise is None else _isotropic(noise)
+    if known is not None:
+        at = _translated(few, guess, at)
     order = np.argsort(_cost(few, guess, at))[:2]
     best: tuple[float, Unknowns] | None = None
     for k in order.tolist():
@@ -148,6 +150,24 @@ def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | N
     assert best is not None
     guess = with_prior(isotropic_residuals(constraint, best[1]), known) if noise is None else _isotropic(noise)
     return descend(constraint, guess, best[1])
+
+
+def _translated(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
+    """Return candidates (k, 4, 4) with the translations that data and prior ask for, each at its rotations.
+
+    Along what the data leave open the prior decides. Far from it, a step would turn a right rotation away.
+    """
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    S = residual_covariance(linear.sides, noise)
+    sums = gram(whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
+    information, gradient = beside_prior(sums[..., :-1, :-1], sums[..., :-1, -1], noise, at)
+    places = np.flatnonzero(np.arange(information.shape[-1]) % 6 >= 3)
+    step = np.zeros_like(gradient)
+    inner = information[..., places[:, None], places]
+    step[..., places] = -(np.linalg.pinv(inner, rcond=SOLUTION_ROUNDING, hermitian=True) @ gradient[..., places, None])[
+        ..., 0
+    ]
+    return at.moved(step)
 
 
 def isotropic_residuals(constraint: Constraint, at: Unknowns) -> Noise:
