@@ -36,6 +36,7 @@ CONVENTION_NAMES = (
 )
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
+CAMERA_CONVENTIONS = ("optical", "opengl", "ros", "wpilib")
 PAIRINGS = ("rows", "time", "async")
 PAPERS = ("a4", "letter")
 TITLES = tuple(ABOUT)

@@ -11,6 +11,7 @@ from ..core.numbers.limits import MIN_POSES
 from ..errors import InputError, InputWarning
 from .arm import Arm
 from .messages import LOG, command_line, timed
+from .names import CAMERA_CONVENTIONS as CONVENTIONS
 from .names import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES
 from .noise import EXACT, Given, without_poses
 from .values import one_of
@@ -211,6 +212,8 @@ class PoseFiles(StreamFiles):
       * --pair HOW <PAIRINGS>: Pairing: rows, time or async. rows: row k with row k (default; if given, whatever
         timestamps say); time: nearest timestamps; async: unsynchronised streams, put on one clock as by uq-handeye
         sync.
+      * --camera-convention NAME <CONVENTIONS>: Frame of the camera poses: optical (z ahead), opengl (looks along
+        -z), ros or wpilib (x ahead). Converted to optical. Default: optical, tested.
       --time-tolerance SECONDS: Largest time difference of a pair (s), for --pair time. Default: 0.02.
       --exclude POSES: Poses to exclude, e.g. 12,14-16, numbered as in the report (paired poses, from 0). The report
         shows them with their residuals. The intrinsics stay those of all pictures.
@@ -218,6 +221,7 @@ class PoseFiles(StreamFiles):
     """
 
     pair: str | None = None
+    camera_convention: str | None = None
     time_tolerance: float | None = None
     exclude: str | None = None
     only: str | None = None
@@ -374,6 +378,10 @@ class PoseFiles(StreamFiles):
                 noise = None if given is None else without_poses(given.noise, "--pair async")
                 poses, noise = self._synchronised_poses(noise, sensors or self.sensors(arm))
                 poses = read_again(poses, None if given is None else given.reading)
+                if self.camera_convention is not None:
+                    from ..read.poses import in_convention
+
+                    poses = in_convention(poses, one_of(self.camera_convention, "--camera-convention", CONVENTIONS))
             else:
                 poses = self._read(how, pictures, arm, None if given is None else given.reading)
                 noise = None if given is None else given.noise_at(poses)
@@ -428,8 +436,16 @@ class PoseFiles(StreamFiles):
             of_arm |= {"tolerance": self.time_tolerance}
         if pictures is None:
             return read_poses(
-                self.robot, self.camera, pair=how, covariance_convention=covariance, **self.reading, **of_arm
+                self.robot,
+                self.camera,
+                pair=how,
+                covariance_convention=covariance,
+                camera_convention=self.camera_convention,
+                **self.reading,
+                **of_arm,
             )
+        if self.camera_convention not in (None, "optical"):
+            raise InputError("--camera-convention: for files of camera poses, not for --images. Remove it.")
         reading = {name: value for name, value in self.reading.items() if name != "camera_frame"}
         return pictures.poses(self.robot, **reading, **of_arm)
 

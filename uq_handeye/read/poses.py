@@ -16,7 +16,7 @@ import numpy as np
 from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
 from ..core.geometry.conventions import CovarianceReading
-from ..core.geometry.frames import SETUPS
+from ..core.geometry.frames import CAMERA_CONVENTIONS, SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
@@ -91,6 +91,10 @@ def read_poses(
         Poses given as ``gripper_T_base`` are inverted.
     camera_frame : "camera_T_target" or "target_T_camera"
         Poses given as ``target_T_camera`` are inverted.
+    camera_convention : "optical", "opengl", "ros", "wpilib" or None
+        Frame of the camera that the camera poses are of, converted to the optical frame (x right, y down, z ahead):
+        opengl looks along -z with y up; ros and wpilib are bodies with x ahead and z up. None: optical, and doubted
+        where the camera would not see its target.
     pair : None, "rows" or "time"
         Row k of one side with row k of the other, unless timestamps or numbers of files speak against it (None) or in
         any case ("rows"); or those nearest in time, within ``tolerance``, one to one.
@@ -134,9 +138,24 @@ def read_poses(
         request = request.of_camera()
     seen = known_camera(camera)
     if seen is not None:
+        if request.camera_convention not in (None, "optical"):
+            raise InputError("A calibrated camera is optical: leave `camera_convention` (--camera-convention) out.")
         return _with_calibrated(robot, seen, request)
     assert camera is None or isinstance(camera, str | PathLike)
-    return _of_files(robot, camera, request)
+    poses = _of_files(robot, camera, request)
+    return poses if request.camera_convention is None else in_convention(poses, request.camera_convention)
+
+
+def in_convention(poses: PosePairs, name: str) -> PosePairs:
+    """Return the poses with the camera in the optical frame, from a convention by its name."""
+    turn = CAMERA_CONVENTIONS[name]
+    if poses.camera_covariance is not None and not np.array_equal(turn, np.eye(4)):
+        raise InputError(
+            f"Camera poses with covariances are taken in the optical frame, not as {name}: convert both where they are "
+            "written, or leave the covariances out."
+        )
+    said = Finding("poses.camera_convention", "note", {"name": name})
+    return replace(poses, camera=turn @ poses.camera, findings=(*poses.findings, said))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +169,7 @@ class ReadRequest:
     quaternion: str | Two | None = None
     robot_frame: str = FRAMES["robot"][0]
     camera_frame: str = FRAMES["camera"][0]
+    camera_convention: str | None = None
     pair: str | None = None
     tolerance: float = 0.02
     joints: StrPath | None = None
@@ -161,6 +181,8 @@ class ReadRequest:
         if self.pair is not None and not among(self.pair, PAIRINGS):
             hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if self.pair == "async" else ""
             raise InputError(f"Expected `pair` (--pair) to be {' or '.join(PAIRINGS)}, got {self.pair!r}{hint}.")
+        if self.camera_convention is not None:
+            require_one_of("camera_convention", self.camera_convention, CAMERA_CONVENTIONS, "--camera-convention")
         if self.setup is not None:
             require_one_of("setup", self.setup, SETUPS, "--setup")
         _ = self.sides, self.arm, self.reading

@@ -190,3 +190,30 @@ def of_readings(values: ReadingValues) -> str:
         again = in_words({**readings[1], "setup": None}).remedy.removeprefix("run again ")
         remedy += f"; or, {CAMERA[OTHER_SETUP[first['setup']]]}, {again}"
     return remedy
+
+
+# The meaning of a reading that fits as well, with X in another frame or place, and the options that select it.
+_LOOKS = {"opengl": "looks along -z (OpenGL, Blender, MuJoCo)", "ros": "is a body with x ahead (ROS, WPILib)"}
+
+
+def view_in_words(reading: ReadingValues) -> tuple[str, str]:
+    """Return a reading of `camera_views` in words, and what to do if it is right."""
+    kind = reading["kind"]
+    if kind == "convention":
+        name = reading["name"]
+        return f"the camera {_LOOKS[name]}", f"run again with --camera-convention {name}"
+    if kind == "both inverse":
+        given = reading["on_request"]
+        frames = [
+            f"without --{side}-frame" if side in given else f"with --{side}-frame {frame}"
+            for side, frame in FRAMES.values()
+        ]
+        other = f"{frames[1]} and --setup {OTHER_SETUP[reading['setup']]}"
+        what = "both files hold inverse poses, or the camera file does and the setup is the other one"
+        return what, f"run again {frames[0]} and {frames[1]}; or {other}"
+    if kind == "exchanged":
+        return "the two files are exchanged", "give the robot's file first, and the camera's second"
+    return (
+        "the two files are exchanged and hold inverse poses",
+        "give the robot's file first, with --robot-frame gripper_T_base --camera-frame target_T_camera",
+    )

@@ -18,6 +18,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import median, pose_residuals
 from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of
 from .agreement import angles_between, typical_difference
+from .camera_views import check_views
 from .consistency import LARGE_ROTATION_RAD
 from .lengths import check_lengths
 from .misread_files import NOISE_FREE, other_readings
@@ -98,7 +99,7 @@ def check_fit(
     outliers = [] if judged and not misfit else outliers
     S = np.eye(3) if covariance is None else covariance[3:, 3:]
     known = float(np.linalg.eigvalsh(S)[0]) > 1e-9 * float(np.trace(S))  # else X is one of many, and has no length
-    return [*found, *outliers, *(check_lengths(poses, X) if known else [])]
+    return [*found, *outliers, *([*check_lengths(poses, X), *check_views(poses, X)] if known else [])]
 
 
 def misread(poses: PosePairs, X: Array) -> list[Finding]:

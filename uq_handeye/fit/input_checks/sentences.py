@@ -12,7 +12,7 @@ from typing import Any
 
 from ...core.formatting.numbers import digits, times_of_noise
 from ...findings import MOTION, NOISE, OUTLIERS, filled, sentence
-from .readings import CAMERA, in_words, of_lengths, of_readings, option_of
+from .readings import CAMERA, in_words, of_lengths, of_readings, option_of, view_in_words
 
 _DEG, _MM = 180.0 / math.pi, 1e3
 # A robot whose poses differ by less than this does not rotate.
@@ -368,6 +368,55 @@ def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str
         f"The {what} would sit {length:.3g} m from the gripper, and the fixed part of the rig only {fixed:.3g} m from "
         f'the base. Such data fit equally well with setup="{setup}" (--setup {setup}) and {frame}. Which is right, the '
         "poses cannot say."
+    )
+
+
+# ------------------------------------------------------------------------------------- what the camera can see
+
+_CONFIRM = "--camera-convention optical"
+
+
+def _view_remedy(v: Mapping[str, Any]) -> str:
+    if not v["readings"]:
+        return f"check the frames of both files; {_CONFIRM} if they are right (a tracker, a fisheye)"
+    return f"{view_in_words(v['readings'][0])[1]}; {_CONFIRM} if the files are right"
+
+
+def _views_listed(readings: Sequence[Mapping[str, Any]]) -> str:
+    said = (view_in_words(one) for one in readings)
+    return "; or if ".join(f"{words} ({option})" for words, option in said)
+
+
+@sentence(
+    "input_checks.target_unseen",
+    first=True,
+    phrase=lambda v: (
+        "the camera cannot see its target" + (f": {view_in_words(v['readings'][0])[0]}?" if v["readings"] else "")
+    ),
+    effect=40,
+    remedy=_view_remedy,
+)
+def _(seen: int, n: int, readings: Sequence[Mapping[str, Any]]) -> str:
+    where = f"The target is ahead of the camera, within 60 deg of its axis (z), in {seen} of {n} poses only."
+    confirm = f"If the poses are right (a tracker, a fisheye), say so with {_CONFIRM}."
+    if not readings:
+        return f"{where} The frames of one file may be others. {confirm}"
+    return f"{where} X fits as well, and is another, if {_views_listed(readings)}. {confirm}"
+
+
+@sentence(
+    "input_checks.steadier_reading",
+    first=True,
+    phrase=lambda v: f"{view_in_words(v['readings'][0])[0]}?",
+    effect=35,
+    remedy=_view_remedy,
+)
+def _(spread: float, readings: Sequence[Mapping[str, Any]]) -> str:
+    best = readings[0]
+    return (
+        f"The camera sees its target in directions that vary by {_DEG * spread:.2g} degrees RMS. They would vary by "
+        f"{_DEG * best['spread']:.2g} degrees, and what is on the gripper would be {best['length']:.3g} m from it in "
+        f"place of {best['given']:.3g} m, if {_views_listed(readings)}. If the files are right, say so with {_CONFIRM}."
     )
 
 

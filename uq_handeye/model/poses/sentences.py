@@ -35,6 +35,13 @@ def _(name: str, side: str, used: str, form: str, rotation: float | None, transl
     )
 
 
+@sentence("poses.camera_convention", check=INPUT, phrase="camera poses of the convention {name}")
+def _(name: str) -> str:
+    if name == "optical":
+        return "The camera poses are those of the optical frame (z ahead), as stated (--camera-convention optical)."
+    return f"The camera poses were converted to the optical frame (z ahead) from the convention {name!r}."
+
+
 @sentence("poses.inverted", check=INPUT, phrase=lambda v: f"{' and '.join(v['sides'])} poses inverted on request")
 def _(sides: Sequence[str], said: bool) -> str:
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
