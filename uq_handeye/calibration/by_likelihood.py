@@ -134,7 +134,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
     if source is not None:
         assert found is not None
-        found, noise, fit = settle(source, noise, fit, robust, found, job.method, _at_corrected)
+        found, noise, fit, robust = settle(source, noise, fit, robust, found, job.method, _at_corrected)
         job = replace(job, shared=found.errors)
     elif job.columns:
         noise = _columns_at_corrected(job, noise, fit)

@@ -42,7 +42,16 @@ from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
-from .findings import flipped_poses, look_at, other_convention, reasons, require_determined, shifted, why_failed
+from .findings import (
+    flipped_poses,
+    of_files,
+    of_rotations,
+    other_convention,
+    reasons,
+    require_determined,
+    shifted,
+    why_failed,
+)
 from .job import Job, job_of
 from .pair_findings import findings_of_pairs
 from .request import BUNDLE, Request, documented
@@ -210,15 +219,15 @@ def _answer(
     findings about that data set.
     """
     job = job_of(request, data)
-    findings = [*said, *look_at(job), *([] if job.arm is None else job.arm.against.findings)]
+    findings = [*said, *of_files(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
         job, result, more = _linearised(job, data)
     except (InputError, NotConvergedError) as error:
-        found = without_consequences([*findings, *reasons(job)])
+        found = without_consequences([*findings, *of_rotations(job), *reasons(job)])
         error.findings = tuple(_numbered(found, selection))  # may well be the reason
         warn(error.findings, 3)
         raise
-    findings += more
+    findings += [*of_rotations(job, result.table), *more]  # an outlier says nothing of the rows that X is of
     if result.opened is not None:  # its finding includes that of parallel axes
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
     if flips := flipped_poses(job, result):  # which are why angles disagree

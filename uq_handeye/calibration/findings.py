@@ -97,10 +97,28 @@ def check_input(data: PosePairs | Motions, noise: Noise | None = None) -> list[F
 
 def look_at(job: Job) -> list[Finding]:
     """Findings of the files as read, of the poses and of the rotations of their motions, before there is an X."""
+    return of_files(job) + of_rotations(job)
+
+
+def of_files(job: Job) -> list[Finding]:
+    """Findings of the files as read and of the columns of the poses."""
     found = [] if job.poses is None else [*job.poses.findings, *check_poses(job.poses)]
     seen = None if job.poses is None else job.poses.camera_calibration
-    found += [] if seen is None else [finding for finding in seen.findings if finding.code in (POSE_AMBIGUITY, GIVEN)]
-    return found + (check_rotations(job.motions, _known_noise(job), job.method) if job.motions.N >= 2 else [])
+    return found + (
+        [] if seen is None else [finding for finding in seen.findings if finding.code in (POSE_AMBIGUITY, GIVEN)]
+    )
+
+
+def of_rotations(job: Job, table: PoseTable | None = None) -> list[Finding]:
+    """Findings of the rotations of the motions: of all of them, or of those whose rows count by a ``table``."""
+    motions = job.motions
+    if table is not None and not (counts := table.weight > 0).all():
+        of_rows = table.item == "motion" or motions.pairs is None
+        kept = np.flatnonzero(counts if of_rows else counts[np.asarray(motions.pairs)].all(axis=1))
+        if len(kept) and (not of_rows or len(counts) == motions.N):
+            pairs = None if motions.pairs is None else motions.pairs[kept]
+            motions = replace(motions, A=motions.A[kept], B=motions.B[kept], pairs=pairs)
+    return check_rotations(motions, _known_noise(job), job.method) if motions.N >= 2 else []
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:

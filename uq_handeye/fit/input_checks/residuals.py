@@ -23,11 +23,14 @@ from .consistency import LARGE_ROTATION_RAD
 from .lengths import check_lengths
 from .misread_files import NOISE_FREE, other_readings
 from .misread_scale import scaled_reading
-from .rotations import ANGLE_DISAGREEMENT_RAD
+from .rotations import ANGLE_DISAGREEMENT_RAD, MAX_NOISE_SHARE
 
 # Translation residual, as a share of the robot's travel, beyond which another reading of the files is tried. From a
 # tenth of it on, a wrong scale of one file shows. The rotation residual is LARGE_ROTATION_RAD.
 LARGE_TRANSLATION_SHARE = 0.1
+# Large residuals of estimated noise are that noise if they are below these shares of those of unrelated rows (rotation,
+# translation). A target that stays in view makes the translations of unrelated rows alike.
+MAX_SHARES_OF_CHANCE = np.array([MAX_NOISE_SHARE, 0.7])
 # An estimated size of the target is taken up to this ratio to the given one, either way.
 MAX_TARGET_RATIO = 1.25
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
@@ -90,7 +93,11 @@ def check_fit(
     outliers = _outliers("pose", angle, distance, travel + reach, each) if most_fit else []
     if misfit and not outliers:
         values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}
-        return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
+        # the fit found their noise: it is large, and X is as uncertain as it says
+        below_chance = bool((np.array([turn, shift]) < MAX_SHARES_OF_CHANCE * _by_chance(G, C, X)).all())
+        as_noise = judged and noise is None and below_chance
+        if values["readings"] or not as_noise:
+            return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(LARGE_TRANSLATION_SHARE / 10 * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
     typical = median(distance) if outliers else shift
     scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
@@ -109,6 +116,13 @@ def misread(poses: PosePairs, X: Array) -> list[Finding]:
     readings = [one for one in other_readings(poses, turn, shift) if one["kind"] != "scale"]
     values = {"rotation": turn, "translation": shift, "readings": readings}
     return [Finding("input_checks.poses_unexplained", "failure", values)] if readings else []
+
+
+def _by_chance(G: Array, C: Array, X: Array) -> Array:
+    """(2,) RMS residuals of rotation and translation of rows that have nothing to do with each other."""
+    n = len(C)
+    rolled = [pose_residuals(G, np.roll(C, n // k, axis=0), X) for k in (2, 3)]
+    return np.asarray(np.sqrt(np.mean(np.square(rolled), axis=(0, 2))))
 
 
 def _rms(squares: Array | None, k: int) -> float:

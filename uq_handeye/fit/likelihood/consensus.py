@@ -1,7 +1,7 @@
 r"""Consensus of most poses (or motions): a start that outliers do not affect.
 
 Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, may be
-arbitrary.
+arbitrary; or half of them, if the good half stands out.
 
 4DPA is solved on smallest subsets (3 poses, 2 motions); the subsets under which 60 % of the poses have the smallest
 rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are improved on
@@ -41,6 +41,9 @@ from .constraint import MIN_RESOLVED_SHARE, Constraint, Unknowns, covariances_of
 NO_WEIGHT = IMPOSSIBLE.chi_square(6)
 # The start relies on the smallest residuals of this share of the poses, so that all others may be wrong.
 MAJORITY = 0.6
+# The least share that is relied on, where the squares of its residuals, rotation times translation, are smaller than
+# those of the majority by this factor: of good rows they are 1.5 times as small, and others are not as alike.
+HALF, HALF_RATIO, MIN_POSES_FOR_HALF = 0.5, 30.0, 12
 # Number of random subsets. With 40 % outliers 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with
 # a probability below 1e-9. Many clean ones matter, as a subset amplifies the noise of its poses.
 N_SUBSETS = 300
@@ -52,6 +55,7 @@ class Consensus(NamedTuple):
     unknowns: Unknowns
     inside: Array  # (n,) 1 for the poses that it was fitted to, else 0
     noise: Noise  # as given, or isotropic about the pivot with robust scales of the residuals
+    half: bool = False  # only half of the poses was relied on
 
 
 def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random.Generator) -> Consensus:
@@ -60,11 +64,15 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     if len(first) < len(copy_of):
         found = consensus(constraint.rows(first), None if noise is None else _drop_joint(noise).rows(first), seed)
         return found._replace(inside=found.inside[copy_of], noise=found.noise.rows(copy_of) if noise is None else noise)
-    majority = min(constraint.n, max(constraint.fewest + 1, int(np.ceil(MAJORITY * constraint.n))))
+    majority, half = (
+        min(constraint.n, max(constraint.fewest + 1, int(np.ceil(share * constraint.n)))) for share in (MAJORITY, HALF)
+    )
     pivot = pivot_of(constraint.second) if constraint.item == "pose" else None
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
-    scales = _scales(pivoted, hypotheses, majority)
+    scales, of_half = _scales(pivoted, hypotheses, majority), _scales(pivoted, hypotheses, half)
+    if by_half := constraint.n >= MIN_POSES_FOR_HALF and _stands_out(of_half, scales):
+        scales, majority = of_half, half
     order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[: N_SUBSETS // 30]
     best = Unknowns(hypotheses.X[order], None if hypotheses.W is None else hypotheses.W[order])
     squares = misfit(pivoted, best)
@@ -80,14 +88,14 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
         at, kept = improved
     if noise is not None:
         moved = pivot is not None and improved is None
-        return Consensus(_back_to_origin(at, pivot) if moved else at, kept, noise)
+        return Consensus(_back_to_origin(at, pivot) if moved else at, kept, noise, by_half)
     noise = _isotropic(_variances(misfit(pivoted, at)), pivoted)
     if pivot is None:
-        return Consensus(at, kept, noise)
+        return Consensus(at, kept, noise, by_half)
     lever = np.broadcast_to(np.eye(6), (constraint.n, 6, 6)).copy()  # of errors about the pivot to those at the origin
     lever[:, 3:, :3] = skew(constraint.second[:, :3, :3] @ pivot)
     noise = PoseNoise(camera=lever @ np.asarray(covariances_of(noise)[1]) @ lever.mT)
-    return Consensus(_back_to_origin(at, pivot), kept, noise)
+    return Consensus(_back_to_origin(at, pivot), kept, noise, by_half)
 
 
 def residual_noise(constraint: Constraint, at: Unknowns) -> Noise:
@@ -204,6 +212,12 @@ def _scales(constraint: Constraint, at: Unknowns, majority: int) -> Array:
         squares = _misfits(closure, Unknowns(at.X[part], None if at.W is None else at.W[part]))
         scales[part] = np.partition(squares, majority - 1, axis=-1)[..., majority - 1].T
     return np.maximum(scales, 1e-24)
+
+
+def _stands_out(of_half: Array, of_majority: Array) -> bool:
+    """Return whether half of the rows agree far better with one hypothesis (T, 2) than the majority with any."""
+    half, most = (float(np.log(scales).sum(axis=-1).min()) for scales in (of_half, of_majority))
+    return half < most - float(np.log(HALF_RATIO))
 
 
 def _smallest(values: Array, count: int) -> Array:

@@ -67,6 +67,9 @@ MIN_KEPT_SHARE = 0.5 * (1.0 + MAJORITY)
 # Where the noise is not known, all rows count in full if their median distance is at least this many times that of
 # chi-square.
 MIN_MEDIAN_RATIO = 0.75
+# All rows may agree if their mean squares, of rotation times translation, exceed the medians of the consensus by no
+# more than this factor; of good rows it is 1.6.
+MAX_ALIKE_RATIO = 50.0
 # Among fewer rows than these a few outliers make most of the noise.
 MIN_POSES_FOR_ALL_ALIKE = 25
 
@@ -219,15 +222,18 @@ def fit_robustly(
     require_enough(constraint)
     given = noise is not None
     if noise is not None:
-        settled = _begin_with_all(constraint, noise, start, method)
+        settled, begun = _begin_with_all(constraint, noise, start, method), None
     else:
         assert search is not None
-        settled = None
+        settled, begun = None, None
         if not search.all_alike and constraint.n >= MIN_POSES_FOR_ALL_ALIKE:
-            noise, settled = _all_agree(constraint, start, search.estimate, method)
+            begun = _begin(constraint, noise, start, seed)
+            if _may_all_agree(constraint, start, begun):
+                noise, settled = _all_agree(constraint, start, search.estimate, method)
     if settled is None:
-        alike = noise is None and search is not None and search.all_alike
-        begun = _from_all(constraint, start) if alike else _begin(constraint, noise, start, seed)
+        if begun is None:
+            alike = noise is None and search is not None and search.all_alike
+            begun = _from_all(constraint, start) if alike else _begin(constraint, noise, start, seed)
         if noise is not None:
             settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
         else:
@@ -245,14 +251,29 @@ def fit_robustly(
             f"{', and at the noise given' if given else ''}; if the robot moved and the clocks differ, "
             "synchronise the streams (--pair async)."
         )
-    flags = tuple(
-        "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
-        for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
-    )
+    flags = _flags(distances, weights, limit)
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
         steps = CLOSED_FORM_STEPS if method == "efficient" else MAX_ML_STEPS
         fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
     return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, begun_at)
+
+
+def _flags(distances: Array, weights: Array, limit: float) -> tuple[str, ...]:
+    return tuple(
+        "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
+        for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
+    )
+
+
+def judged_by(robust: RobustFit, fit: Fit, noise: Noise) -> RobustFit:
+    """Return distances, weights and flags by another fit and its noise; the weights of that fit are the new ones."""
+    distances, leverage = pose_distances(fit)
+    weights = robust_weights(distances * FULL / robust.limit)
+    flags = _flags(distances, weights, robust.limit)
+    if flags == robust.flags:
+        weights = robust.weights
+    taken = replace(fit, weights=None if (weights == 1).all() else weights)
+    return replace(robust, fit=taken, noise=noise, weights=weights, distances=distances, leverage=leverage, flags=flags)
 
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
@@ -280,6 +301,17 @@ def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, metho
         return None
     kept = settled.distances <= settled.limit
     return settled if settled.scale == 1.0 and kept.mean() >= MIN_KEPT_SHARE else None
+
+
+def _may_all_agree(constraint: Constraint, start: Unknowns, begun: Consensus) -> bool:
+    """Return whether the residuals of all rows are about as large as those of the consensus.
+
+    Where half of the rows are wrong, their noise explains all residuals, and their median too.
+    """
+    of_all, of_most = misfit(constraint, start).mean(axis=0), np.median(misfit(constraint, begun.unknowns), axis=0)
+    if begun.half:
+        return False
+    return bool(np.log(np.maximum(of_all, 1e-24) / np.maximum(of_most, 1e-24)).sum() < np.log(MAX_ALIKE_RATIO))
 
 
 def _all_agree(

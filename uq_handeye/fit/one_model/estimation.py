@@ -47,6 +47,8 @@ from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, other_modes
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
+# Noise of the camera poses along the viewing direction, in addition to that of all axes.
+DEPTH = "camera depth"
 # Largest number of times that the model is linearised.
 MAX_LINEARISATIONS = 6
 # The sizes need not be exact before the unknowns and the robust weights are final: a step that would decrease f by less
@@ -60,7 +62,7 @@ MAX_RESOLVED_SPREAD = 0.6
 # Half the width of an interval of a normal distribution, in standard deviations.
 INTERVAL_SD = float(ndtri(0.5 * (1.0 + INTERVAL.probability)))
 
-_TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
+_TURN, _SHIFT, _ALONG = np.eye(6)[:, :3], np.eye(6)[:, 3:], np.eye(6)[:, 5:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +172,7 @@ class JointModel:
             if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
                 block = view_block(self.poses.camera) if self.by_view is None else self.by_view
                 found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=block))
+                found.append(Component(DEPTH, side, SIZES[DEPTH], block=_ALONG))
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
             names = _named(self.robot, "robot (shared)")

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -33,7 +34,7 @@ from ...model.noise.models import Noise, with_prior
 from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, Fit, fit
-from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly
+from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly, judged_by
 from .estimation import ROUGH_GAIN, FoundSizes, JointModel
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
@@ -41,6 +42,8 @@ from .estimation import ROUGH_GAIN, FoundSizes, JointModel
 MANY_REJECTED_SHARE, OUTLIER_LOG_RANGE = 0.05, 7.0
 # Estimates of the noise after which a weighing that rejects ever more poses may be given up.
 MIN_ESTIMATES = 4
+# Rows are judged by the final noise at most this many times.
+MAX_JUDGEMENTS = 3
 # Beside the errors of an arm a pose is wrong from this many times the usual d^2 on. Poses left out for their tails make
 # the noise of the others too small for new ones.
 TAIL_SLACK = 3.0
@@ -118,12 +121,24 @@ def weigh_from_two_starts(
 def settle(
     source: JointModel, noise: Noise, fitted: Fit, robust: RobustFit | None, found: FoundSizes, method: str,
     at_corrected: Callable[[JointModel, Noise, Fit], JointModel],
-) -> tuple[FoundSizes, Noise, Fit]:  # fmt: skip
-    """Sizes with the columns at the poses as the fit corrects them (``at_corrected``), integrated over, and the fit."""
-    kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
-    found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta)
-    noise = with_prior(found.integrated_noise, source.pose_prior)
-    return found, noise, fitted_again(source.constraint, noise, fitted, method)
+) -> tuple[FoundSizes, Noise, Fit, RobustFit | None]:  # fmt: skip
+    """Sizes with the columns at the poses as the fit corrects them (``at_corrected``), integrated over, and the fit.
+
+    Rows are judged again by that noise: columns at measured poses hold their noise, and with much of it good rows stand
+    out. Where other rows count then, the sizes are found again.
+    """
+    for _ in range(MAX_JUDGEMENTS):
+        kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
+        found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta)
+        noise = with_prior(found.integrated_noise, source.pose_prior)
+        fitted = fitted_again(source.constraint, noise, fitted, method)
+        if robust is None:
+            break
+        before, robust = robust, judged_by(robust, fitted, noise)
+        if before.flags == robust.flags:
+            break
+        fitted = fitted_again(source.constraint, noise, robust.fit, method)
+    return found, noise, fitted, None if robust is None else replace(robust, fit=fitted)
 
 
 def fitted_again(constraint: Constraint, noise: Noise, found: Fit, method: str) -> Fit:

@@ -49,6 +49,7 @@ SIZES = {
     "robot translation": Size(0.03e-3, 4.0, "m", "repeatability by ISO 9283, 0.02 to 0.1 mm"),
     "camera rotation": Size(8.7e-4, 6.0, "rad", "poses of boards and tags, 0.05 deg"),
     "camera translation": Size(0.3e-3, 6.0, "m", "poses of boards and tags"),
+    "camera depth": Size(0.2e-3, 6.0, "m", "in addition to that of camera translation: depth of boards, tags and SLAM"),
     "camera by view": Size(1.5e-4, 5.0, "rad", "corners to 0.05 to 1 px over a focal length of 500 to 2000 px"),
     "focal length": Size(1e-3, 2.0, "", "calibrations of the same camera, repeated; a wrong one is its tail"),
     "principal point": Size(1e-3, 1.0, "rad", "calibrations of the same camera, repeated"),
