@@ -36,6 +36,7 @@ NAMED = {
     "parts": [{"side": "robot", "times": [1.0, 2.0], "why": WHY}],
     "ends": [{"error": "robot rotation", "of": "rad", "value": 1e-6, "usual": 1e-4, "factor": 4.0}] * 2,
     "worst": [ROW],
+    "numbers_moved": [{"name": "cx", "before": 640.0, "after": 640.5, "std": 0.1, "sigma": 5.0}],
     "contradicted": [{"name": "cx", "given": 640.0, "wanted": 640.5, "std": 0.1, "sigma": 5.0}],
     "far_points": [{"pose": 3, "point": "A", "distance": 2e-3}],
     "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],

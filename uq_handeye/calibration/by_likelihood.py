@@ -66,11 +66,12 @@ from ..model.shared_errors.shared_error import (
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
+from .camera_of_result import given_by_robot, moved_intrinsics
 from .closed_forms import closed_forms
 from .contradictions import against_corners, against_data_sheet, against_prior, shared_findings
 from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.parts import FourDPA
-from .findings import MAX_REJECTED_SHARE, said_open, wrong_poses
+from .findings import GIVEN, MAX_REJECTED_SHARE, said_open, wrong_poses
 from .job import Job
 from .moves import moves
 from .prediction.workspace import local_findings
@@ -354,6 +355,10 @@ def _assembled(
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint, wrong_size)
+    seen_by = None if poses is None else poses.camera_calibration
+    findings += moved_intrinsics(seen_by, noise, joint)
+    if seen_by is not None and not any(one.code == GIVEN for one in seen_by.findings):
+        findings += given_by_robot(seen_by, fit)
     findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate, judged)

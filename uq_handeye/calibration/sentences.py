@@ -290,6 +290,31 @@ def _open_remedy(v: Mapping[str, Any]) -> str:
 
 
 @sentence(
+    "calibration.intrinsics_moved",
+    check=CAMERA,
+    phrase=lambda v: "robot poses move the intrinsics: " + ", ".join(_moved_most(v["numbers_moved"])),
+    remedy="go on with the corrected intrinsics, intrinsics.yaml of -o, to which X belongs",
+)
+def _(numbers_moved: Sequence[Mapping[str, Any]], sigma: float) -> str:
+    each = "; ".join(
+        f"{one['name']} {digits(one['before'], 5)} to {concise(one['after'], one['std'])} "
+        f"({digits(abs(one['sigma']), 2)} sigma)"
+        for one in numbers_moved
+    )
+    return (
+        f"Robot and pictures together move the intrinsics of the pictures ({digits(sigma, 2)} sigma): {each}. "
+        "X belongs to the corrected intrinsics, which -o writes with the camera poses by them. Points placed with the "
+        "earlier ones are off by the difference."
+    )
+
+
+def _moved_most(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the largest shifts in words, at most two."""
+    most = sorted(numbers, key=lambda one: -abs(one["sigma"]))[:2]
+    return [f"{one['name']} by {digits(one['after'] - one['before'], 2)}" for one in most]
+
+
+@sentence(
     "calibration.open",
     check=MOTION,
     phrase=_open_in_short,

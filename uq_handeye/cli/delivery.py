@@ -387,8 +387,9 @@ def _write_result(
 
     files: dict[str, str | bytes] = {"result.json": json_of(result, verdict)}
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}
-    seen = getattr(result.data, "camera_calibration", None)
-    if seen is not None:  # the intrinsics, with the poses and corners that belong to them
+    from ..calibration.camera_of_result import corrected_camera
+
+    if (seen := corrected_camera(result)) is not None:  # the intrinsics, with the poses and corners that belong to them
         from ..model.camera.calibration_files import camera_files
 
         files |= camera_files(seen)
@@ -399,7 +400,11 @@ def _write_result(
     possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
     for name in possible - set(files):  # those of an earlier run are not of this result
         (directory / name).unlink(missing_ok=True)
-    return f"{directory / 'result.json'} with {len(files) - 1} more files"
+    wrote = f"{directory / 'result.json'} with {len(files) - 1} more files"
+    if seen is None:
+        return wrote
+    of = "corrected intrinsics" if seen.estimated else "intrinsics as given"
+    return f"{wrote}; X belongs to the {of}, intrinsics.yaml"
 
 
 def _poses_csv(table: "PoseTable") -> str:

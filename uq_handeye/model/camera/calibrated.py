@@ -130,6 +130,12 @@ class Calibrated:
         InputError
             Errors of something else.
         """
+        points, _ = self.corners.on_board
+        T = self.errors_of_parameters(shared)
+        return np.asarray(response_ahead(self.bundle, points, poses)[..., self.bundle.free] @ T)
+
+    def errors_of_parameters(self, shared: Array) -> Array:
+        """Return T (f, q) of the estimated parameters with ``shared_i = G_i T`` (n, 6, q); raises `InputError`."""
         bundle = self.bundle
         G = bundle.by_parameters[..., bundle.free].reshape(-1, int(bundle.free.sum()))
         flat = shared.reshape(len(G), -1)
@@ -137,8 +143,7 @@ class Calibrated:
         T = np.linalg.lstsq(G / size, flat)[0] / size[:, None]
         if not np.linalg.norm(flat - G @ T) <= 1e-3 * np.linalg.norm(flat):
             raise InputError("Expected the errors that the camera poses share to be those of the camera's calibration.")
-        points, _ = self.corners.on_board
-        return np.asarray(response_ahead(bundle, points, poses)[..., bundle.free] @ T)
+        return np.asarray(T)
 
     def select(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Select pictures by their numbers or a mask: the same camera, nothing is estimated again."""
