@@ -19,6 +19,7 @@ from ..findings import Finding
 from ..fit.diagnostics.budget import MOTION, SIZES_OPEN
 from ..fit.diagnostics.pose_table import pose_table
 from ..fit.empirical_covariance.resampled import resampled
+from ..fit.input_checks.lengths import check_place
 from ..fit.input_checks.residuals import check_fit, check_motions, misread
 from ..fit.input_checks.rotations import require_signal
 from ..fit.likelihood.constraint import Constraint, Unknowns
@@ -84,6 +85,20 @@ MAX_SECOND_ORDER_SD = 0.05
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
 # Errors whose columns at other poses follow from the poses that they were bound to.
+# Findings after which the place of the camera needs no further word.
+PLACED = frozenset(
+    f"input_checks.{name}"
+    for name in [
+        "long_bracket",
+        "setup_by_lengths",
+        "setup_not_said",
+        "target_unseen",
+        "steadier_reading",
+        "poses_unexplained",
+        "wrong_scale",
+        "misread_axes",
+    ]
+)
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 
 
@@ -388,6 +403,8 @@ def _of_fit(
     looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in looked):
         looked += misread(poses, fit.X)
+    if job.pose_prior is None and fit.open is None and not any(one.code in PLACED for one in looked):
+        looked += check_place(poses, fit.X, fit.covariance_X)
     return looked + closed_forms(job, result, table)
 
 

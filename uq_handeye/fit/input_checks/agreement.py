@@ -32,11 +32,15 @@ MIN_POSES_TO_TRIM = 7
 ROUNDS = 3
 
 
+IDENTITY = np.eye(3)
+
+
 class Agreement(NamedTuple):
     """Agreement of two sides; lengths in the unit of the robot.
 
     ``angle`` (rad) and ``distance`` are the root mean squares of rotation and translation of W about its mean, of the
-    poses that count, ``share`` of all. ``length`` is |t_X|, ``scale`` the factor on the camera's translations.
+    poses that count, ``share`` of all. ``length`` is |t_X|, ``scale`` the factor on the camera's translations,
+    ``rotation`` that of X, and ``counts`` (n,) the poses that agree in rotation.
     """
 
     angle: float
@@ -44,6 +48,8 @@ class Agreement(NamedTuple):
     length: float
     scale: float
     share: float
+    rotation: Array = IDENTITY
+    counts: NDArray[np.bool_] | None = None
 
 
 def motions_between(n: int, max_pairs: int = MAX_PAIRS) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -90,9 +96,10 @@ def agreement(G: Array, C: Array, scale_free: bool = True) -> Agreement | None:
         counts = again
     if X is None or angle is None:
         return None
+    agree = counts
     distance, length, scale, counts = _translation(G, C, X[:3, :3], counts, scale_free)
     rms = float(np.sqrt(np.mean(angle[counts] ** 2)))
-    return Agreement(rms, distance, length, scale, float(np.mean(counts)))
+    return Agreement(rms, distance, length, scale, float(np.mean(counts)), X[:3, :3], agree)
 
 
 def _counting(residuals: Array, floor: float) -> NDArray[np.bool_]:

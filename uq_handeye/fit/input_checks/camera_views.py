@@ -21,11 +21,15 @@ from .misread_files import inverted_on_request
 
 # A camera sees what stands within this angle of its optical axis.
 MAX_OFF_AXIS_RAD = np.radians(60.0)
+# Most cameras see what stands within this angle, and most people aim them at the target.
+USUAL_FIELD_RAD = np.radians(35.0)
 # A camera has its target ahead in this share of the poses, and one that is misread in fewer than the second share.
 SEEN_SHARE, UNSEEN_SHARE = 0.9, 0.6
 # Another reading is likelier if it shows the target in directions that vary by this share of those as given, and puts
 # what is on the gripper nearer to it.
 STEADIER_RATIO = 0.5
+# Where it leaves its distance, the share has to be smaller.
+MUCH_STEADIER_RATIO = 0.35
 # A robot whose positions differ by less than this (m) pivots: its poses do not say which file is inverse.
 SMALL_TRAVEL_M = 1e-6
 
@@ -41,29 +45,34 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
     if seen < UNSEEN_SHARE:
         better = [one for one in readings if one["seen"] >= SEEN_SHARE]
         better.sort(key=lambda one: one["spread"])
-        values = {"seen": round(seen * poses.n), "n": poses.n, "readings": better}
+        values = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
         return [Finding("input_checks.target_unseen", "caution", values)]
     if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
         return []
-    spread = direction_spread(C)
+    spread, off_axis = direction_spread(C), share_ahead(C, USUAL_FIELD_RAD) < UNSEEN_SHARE
     better = [
         one
         for one in readings
         if "length" in one
-        and one["seen"] >= SEEN_SHARE
-        and one["spread"] < STEADIER_RATIO * spread
-        and one["length"] < one["given"]
+        and one["length"] <= one["given"]
+        and (
+            (off_axis and one["ahead"] >= SEEN_SHARE)
+            or (
+                one["seen"] >= SEEN_SHARE
+                and one["spread"] < (STEADIER_RATIO if one["length"] < one["given"] else MUCH_STEADIER_RATIO) * spread
+            )
+        )
     ]
     if not better:
         return []
-    values = {"spread": spread, "readings": sorted(better, key=lambda one: one["spread"])}
+    values = {"spread": spread, "off": _off_axis(C), "views": sorted(better, key=lambda one: one["off"])}
     return [Finding("input_checks.steadier_reading", "caution", values)]
 
 
-def share_ahead(T: Array) -> float:
-    """Return the share of target poses (n, 4, 4) that a camera sees: ahead, within `MAX_OFF_AXIS_RAD`."""
+def share_ahead(T: Array, within: float = MAX_OFF_AXIS_RAD) -> float:
+    """Return the share of target poses (n, 4, 4) that stand ahead of a camera, within an angle (rad) of its axis."""
     t = T[:, :3, 3]
-    return float(np.mean(t[:, 2] > np.cos(MAX_OFF_AXIS_RAD) * np.linalg.norm(t, axis=1)))
+    return float(np.mean(t[:, 2] > np.cos(within) * np.linalg.norm(t, axis=1)))
 
 
 def _readings(poses: PosePairs, X: Array) -> list[dict[str, object]]:
@@ -92,4 +101,15 @@ def _readings(poses: PosePairs, X: Array) -> list[dict[str, object]]:
 
 
 def _views(T: Array) -> dict[str, float]:
-    return {"seen": share_ahead(T), "spread": direction_spread(T)}
+    return {
+        "seen": share_ahead(T),
+        "ahead": share_ahead(T, USUAL_FIELD_RAD),
+        "spread": direction_spread(T),
+        "off": _off_axis(T),
+    }
+
+
+def _off_axis(T: Array) -> float:
+    """Return the median angle (rad) of the targets off the optical axis."""
+    t = T[:, :3, 3]
+    return float(np.median(np.arctan2(np.linalg.norm(t[:, :2], axis=1), t[:, 2])))

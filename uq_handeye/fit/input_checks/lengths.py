@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
 from ...findings import Finding, Severity
 from ...model.poses.pose_pairs import PosePairs
@@ -15,8 +16,30 @@ from .readings import OTHER_SETUP
 LONG_BRACKET_M = 0.4
 # What few grippers carry, while a fixed camera is often farther from the base.
 UNLIKELY_BRACKET_M = 0.7
+# A camera on a gripper sits nearer to it than this.
+FAR_CAMERA_M = 0.5
+# X is the identity within this many standard deviations, if these are smaller than what a camera has beside a gripper.
+IDENTITY_SD, MAX_IDENTITY_SD_M, MAX_IDENTITY_SD_RAD = 4.0, 0.005, np.radians(1.0)
 # What no gripper carries.
 IMPOSSIBLE_BRACKET_M = 1.0
+
+
+def check_place(poses: PosePairs, X: Array, covariance: Array) -> list[Finding]:
+    """Report X that is the identity within its uncertainty, and a camera that sits far beside its gripper.
+
+    The sensor would sit in the frame that carries it, which nobody builds: the poses of one file were computed from
+    those of the other, or both files are of one frame.
+    """
+    xi = np.concatenate([Rotation.from_matrix(X[:3, :3]).as_rotvec(), X[:3, 3]])
+    move, turn = float(np.linalg.norm(xi[3:])), float(np.linalg.norm(xi[:3]))
+    sd_move, sd_turn = (float(np.sqrt(np.trace(covariance[k : k + 3, k : k + 3]))) for k in (3, 0))
+    sharp = sd_move < MAX_IDENTITY_SD_M and 0.0 < sd_turn < MAX_IDENTITY_SD_RAD
+    if sharp and move < IDENTITY_SD * sd_move and turn < IDENTITY_SD * sd_turn:
+        values = {"setup": poses.setup, "translation": move, "rotation": turn}
+        return [Finding("input_checks.identity", "caution", values)]
+    if poses.setup == "eye-in-hand" and move > FAR_CAMERA_M and move - IDENTITY_SD * sd_move > FAR_CAMERA_M:
+        return [Finding("input_checks.far_camera", "caution", {"length": move})]
+    return []
 
 
 def check_lengths(poses: PosePairs, X: Array) -> list[Finding]:

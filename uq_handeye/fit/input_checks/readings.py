@@ -50,6 +50,8 @@ def in_words(reading: ReadingValues) -> Words:
     if kind == "scale":
         short, cause, remedy = _of_scale(reading)
         return Words(short, f"the camera translations are multiplied by {reading['factor']:.4g}: {cause}", remedy)
+    if kind == "axes":
+        return _of_axes(reading)
     if kind in FRAMES:
         short, text, option, remedy = _of_frame(reading)
     elif kind == "mirrored":
@@ -64,6 +66,25 @@ def in_words(reading: ReadingValues) -> Words:
         return Words(f"{short}, and its lengths", f"{text}: {option}; and {unit.full}", f"{remedy}; and {unit.remedy}")
     length = "" if reading.get("length") is None else f" (X would be {reading['length']:.3g} m long)"
     return Words(short, f"{text}{length}: {option}", remedy)
+
+
+def _of_axes(v: ReadingValues) -> Words:
+    """Axes of the translations of one file that are negated, exchanged or scaled."""
+    side, said = v["file"], []
+    if "exchanged" in v:
+        said.append(f"{' and '.join(v['exchanged'])} exchanged")
+    if "negated" in v:
+        said.append(f"{' and '.join(v['negated'])} negated")
+    if "scaled" in v:
+        said.append(f"{v['scaled']} scaled by {digits(v['factor'], 3)}")
+    what = ", ".join(said)
+    misfit = f"{digits(1e3 * v['before'], 2)} mm RMS become {digits(1e3 * v['after'], 2)} mm"
+    cause = " (pixels that are not square, a wrong focal length?)" if "scaled" in v and side == "camera" else ""
+    return Words(
+        f"the {side} translations have {what}",
+        f"the {side} translations have {what}{cause}: {misfit}",
+        f"correct the {side} translations where they are written: {what}",
+    )
 
 
 def _of_frame(v: ReadingValues) -> tuple[str, str, str, str]:

@@ -21,6 +21,7 @@ from .agreement import angles_between, typical_difference
 from .camera_views import check_views
 from .consistency import LARGE_ROTATION_RAD
 from .lengths import check_lengths
+from .misread_axes import misread_axes
 from .misread_files import NOISE_FREE, other_readings
 from .misread_scale import scaled_reading
 from .rotations import ANGLE_DISAGREEMENT_RAD, MAX_NOISE_SHARE
@@ -92,11 +93,14 @@ def check_fit(
         each = _explained(constraint, X, own, covariance)[1]
     outliers = _outliers("pose", angle, distance, travel + reach, each) if most_fit else []
     if misfit and not outliers:
-        values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}
+        readings = other_readings(poses, turn, shift)
+        if (axes := misread_axes(poses)) is not None:
+            readings = [axes, *(one for one in readings if one["kind"] != "scale")]
+        values = {"rotation": turn, "translation": shift, "readings": readings}
         # the fit found their noise: it is large, and X is as uncertain as it says
         below_chance = bool((np.array([turn, shift]) < MAX_SHARES_OF_CHANCE * _by_chance(G, C, X)).all())
         as_noise = judged and noise is None and below_chance
-        if values["readings"] or not as_noise:
+        if readings or not as_noise:
             return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(LARGE_TRANSLATION_SHARE / 10 * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
     typical = median(distance) if outliers else shift
@@ -105,6 +109,9 @@ def check_fit(
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
     outliers = [] if judged and not misfit else outliers
     S = np.eye(3) if covariance is None else covariance[3:, 3:]
+    if (axes := misread_axes(poses)) is not None:
+        severity: Severity = "caution" if "scaled" in axes else "failure"
+        return [*found, Finding("input_checks.misread_axes", severity, {"reading": axes}), *outliers]
     known = float(np.linalg.eigvalsh(S)[0]) > 1e-9 * float(np.trace(S))  # else X is one of many, and has no length
     return [*found, *outliers, *([*check_lengths(poses, X), *check_views(poses, X)] if known else [])]
 

@@ -321,6 +321,19 @@ def _(reading: Mapping[str, Any]) -> str:
 
 
 @sentence(
+    "input_checks.misread_axes",
+    rank=6,
+    explains=True,
+    explained=True,
+    phrase=lambda v: in_words(v["reading"]).short,
+    effect=20,
+    remedy=of_readings,
+)
+def _(reading: Mapping[str, Any]) -> str:
+    return f"The translations of one file do not fit its rotations. They would if {in_words(reading).full}."
+
+
+@sentence(
     "input_checks.long_bracket",
     first=True,
     explained=True,
@@ -337,6 +350,38 @@ def _(what: str, length: float, fixed: float) -> str:
         f"the base. If this is wrong, {cause}: such data fit equally well, with another X. {first}"
         'robot_frame="gripper_T_base", camera_frame="target_T_camera" (--robot-frame gripper_T_base --camera-frame '
         "target_T_camera)."
+    )
+
+
+@sentence(
+    "input_checks.far_camera",
+    first=True,
+    phrase="the camera would sit {length:~2} m from the gripper",
+    effect=25,
+    remedy="check the tool frame of the robot and the frames of both files; if it sits there, give its place (--known)",
+)
+def _(length: float) -> str:
+    return (
+        f"The camera would sit {length:.3g} m from the gripper. Check the tool frame of the robot poses, and whether "
+        "both files hold inverse poses. If it does sit there, say so with its measured place: "
+        f"--known 'camera z = {digits(length, 2)}m +- 5cm'."
+    )
+
+
+@sentence(
+    "input_checks.identity",
+    first=True,
+    phrase="X is the identity: are these poses of one frame?",
+    effect=30,
+    remedy="check that neither file was computed from the other; if X is the identity, say so (--known 'camera z = "
+    "0mm +- 1mm')",
+)
+def _(setup: str, translation: float, rotation: float) -> str:
+    frame = "gripper" if setup == "eye-in-hand" else "base"
+    return (
+        f"X is the identity within its uncertainty ({digits(_MM * translation, 2)} mm, {digits(_DEG * rotation, 2)} "
+        f"deg): the camera would sit in the frame of the {frame}. Are the robot poses those of the camera, or were the "
+        "camera poses computed from the robot's? If X is the identity, say so: --known 'camera z = 0mm +- 1mm'."
     )
 
 
@@ -377,13 +422,13 @@ _CONFIRM = "--camera-convention optical"
 
 
 def _view_remedy(v: Mapping[str, Any]) -> str:
-    if not v["readings"]:
+    if not v["views"]:
         return f"check the frames of both files; {_CONFIRM} if they are right (a tracker, a fisheye)"
-    return f"{view_in_words(v['readings'][0])[1]}; {_CONFIRM} if the files are right"
+    return f"{view_in_words(v['views'][0])[1]}; {_CONFIRM} if the files are right"
 
 
-def _views_listed(readings: Sequence[Mapping[str, Any]]) -> str:
-    said = (view_in_words(one) for one in readings)
+def _views_listed(views: Sequence[Mapping[str, Any]]) -> str:
+    said = (view_in_words(one) for one in views)
     return "; or if ".join(f"{words} ({option})" for words, option in said)
 
 
@@ -391,32 +436,33 @@ def _views_listed(readings: Sequence[Mapping[str, Any]]) -> str:
     "input_checks.target_unseen",
     first=True,
     phrase=lambda v: (
-        "the camera cannot see its target" + (f": {view_in_words(v['readings'][0])[0]}?" if v["readings"] else "")
+        "the camera cannot see its target" + (f": {view_in_words(v['views'][0])[0]}?" if v["views"] else "")
     ),
     effect=40,
     remedy=_view_remedy,
 )
-def _(seen: int, n: int, readings: Sequence[Mapping[str, Any]]) -> str:
+def _(seen: int, n: int, views: Sequence[Mapping[str, Any]]) -> str:
     where = f"The target is ahead of the camera, within 60 deg of its axis (z), in {seen} of {n} poses only."
     confirm = f"If the poses are right (a tracker, a fisheye), say so with {_CONFIRM}."
-    if not readings:
+    if not views:
         return f"{where} The frames of one file may be others. {confirm}"
-    return f"{where} X fits as well, and is another, if {_views_listed(readings)}. {confirm}"
+    return f"{where} X fits as well, and is another, if {_views_listed(views)}. {confirm}"
 
 
 @sentence(
     "input_checks.steadier_reading",
     first=True,
-    phrase=lambda v: f"{view_in_words(v['readings'][0])[0]}?",
+    phrase=lambda v: f"{view_in_words(v['views'][0])[0]}?",
     effect=35,
     remedy=_view_remedy,
 )
-def _(spread: float, readings: Sequence[Mapping[str, Any]]) -> str:
-    best = readings[0]
+def _(spread: float, off: float, views: Sequence[Mapping[str, Any]]) -> str:
+    best = views[0]
     return (
-        f"The camera sees its target in directions that vary by {_DEG * spread:.2g} degrees RMS. They would vary by "
-        f"{_DEG * best['spread']:.2g} degrees, and what is on the gripper would be {best['length']:.3g} m from it in "
-        f"place of {best['given']:.3g} m, if {_views_listed(readings)}. If the files are right, say so with {_CONFIRM}."
+        f"The camera sees its target {_DEG * off:.2g} degrees off its axis, in directions that vary by "
+        f"{_DEG * spread:.2g} degrees RMS. It would be {_DEG * best['off']:.2g} degrees off, with directions that vary "
+        f"by {_DEG * best['spread']:.2g} degrees, if {_views_listed(views)}. If the files are right, say so with "
+        f"{_CONFIRM}."
     )
 
 

@@ -58,6 +58,10 @@ def noise_findings(
     return tuple(found)
 
 
+# A size above what is assumed by more than this many of its standard deviations (logarithms of the factor).
+FAR_OUTSIDE_SD = 3.0
+
+
 def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Finding, ...]:
     """Report the robot's noise, given the covariance of the camera poses, the noise of their pixels, and what the
     corners of one picture share.
@@ -113,6 +117,17 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
         listed.append(Finding("noise_estimation.sizes_at_low_end", "caution", {"ends": low}))
         ends = [values for values in ends if values not in low]
     listed += [Finding("noise_estimation.size_at_end", "caution", values) for values in ends]
+    for place, k in enumerate(model.free):
+        part = source.components[int(k)]
+        if part.size.factor <= 1.0 or place in mode.at_bound:
+            continue
+        beyond = float(mode.theta[place] - model.medians[place]) / np.log(part.size.factor)
+        if beyond > FAR_OUTSIDE_SD:
+            unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
+            value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+            far = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
+            listed.append(Finding("noise_estimation.size_far_outside", "caution", far))
+            ends.append(far)
     said = {values["error"] for values in (*low, *ends)}
     for error in source.errors:
         ratio = found.sizes.get(error.name, 1.0)

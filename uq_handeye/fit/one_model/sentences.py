@@ -223,6 +223,21 @@ def _(error: str, of: str, value: float, usual: float, factor: float, declared: 
 
 
 @sentence(
+    "noise_estimation.size_far_outside",
+    check=NOISE,
+    phrase=lambda v: f"{v['error']} is {digits(v['value'] / v['usual'], 2)} times what is assumed",
+    effect=10,
+    remedy="look for a mistake in the files (axes, intrinsics, target), or declare the size: --size",
+)
+def _(error: str, of: str, value: float, usual: float, factor: float) -> str:
+    here, there = (_in_unit(size, of) for size in (value, usual))
+    return (
+        f"The size of {error} is {here}, where {there} within a factor of {digits(factor, 2)} was assumed. That is no "
+        f"noise: axes, intrinsics or the target may be wrong. If it is, declare it (--size '{error}=SIZE,FACTOR')."
+    )
+
+
+@sentence(
     "noise_estimation.sizes_at_low_end",
     check=NOISE,
     phrase=lambda v: f"less than assumed: {len(v['ends'])} sizes at their low ends",

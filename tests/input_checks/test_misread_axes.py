@@ -1,0 +1,62 @@
+"""Axes of the translations of one file that are negated, exchanged or scaled are named; good rigs have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fixtures.rigs import quietly
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye.fit.input_checks.misread_axes import misread_axes
+from uq_handeye.fit.input_checks.readings import in_words
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.03deg", "0.1mm"), camera=("0.1deg", "0.5mm"))
+SETUPS = ("eye-in-hand", "eye-to-hand")
+MISTAKES = {
+    "x negated": np.diag([-1.0, 1, 1]),
+    "z negated": np.diag([1.0, 1, -1]),
+    "x and y negated": np.diag([-1.0, -1, 1]),
+    "x and y exchanged": np.eye(3)[[1, 0, 2]],
+    "y and z exchanged": np.eye(3)[[0, 2, 1]],
+    "y scaled by 1.1": np.diag([1.0, 1.1, 1]),
+    "z scaled by 0.8": np.diag([1.0, 1, 0.8]),
+}
+
+
+def _mistaken(poses, side, M):
+    T = getattr(poses, side).copy()
+    T[:, :3, 3] = T[:, :3, 3] @ M.T
+    return replace(poses, **{side: T, "truth": None})
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("side", ["camera", "robot"])
+@pytest.mark.parametrize("words", MISTAKES)
+def test_the_mistake_is_named(setup, side, words):
+    poses = _mistaken(uq.simulate(20, setup=setup, noise=NOISE, seed=SEED), side, MISTAKES[words])
+    found = misread_axes(poses)
+    assert found is not None
+    assert found["file"] == side
+    said = in_words(found).full
+    if "scaled" in words:
+        axis, _, factor = words.partition(" scaled by ")
+        assert found["scaled"] == axis and found["factor"] == pytest.approx(float(factor), rel=0.03)
+    else:
+        assert words.replace(" and ", "") in said.replace(" and ", "")
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_good_rigs_have_none(setup):
+    for seed in range(40):
+        assert misread_axes(uq.simulate(12 + seed % 9, setup=setup, noise=NOISE, seed=seed)) is None
+
+
+@pytest.mark.slow
+def test_the_result_is_not_usable_or_says_so():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    for words in ("x negated", "x and y exchanged"):
+        result = quietly(_mistaken(poses, "camera", MISTAKES[words]))
+        assert not result.usable and words in result.headline
+    result = quietly(_mistaken(poses, "camera", MISTAKES["y scaled by 1.1"]))
+    assert any("y scaled by 1." in text for text in result.warnings)

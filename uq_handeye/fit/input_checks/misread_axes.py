@@ -1,0 +1,130 @@
+r"""Translations of one side whose axes are negated, exchanged or scaled against its rotations.
+
+Given the rotation of X, the translations obey an equation that is linear in those of X and W and in a matrix M on the
+translations of one side, which is a factor times the identity where nothing is wrong:
+
+    R_G (R_X M t_C + t_X) + t_G = t_W          or, for the robot,     R_G (R_X t_C + t_X) + M t_G = t_W
+
+(eye-to-hand: the robot's equation is that of the inverse, ``R_X t_C + t_X = R_G t_W + M t_G`` with its own poses). M is
+estimated by least squares from the poses that agree in rotation. It is reported where it explains the translations far
+better than a factor does, and is near a matrix that negates, exchanges or scales axes.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from ...model.poses.pose_pairs import PosePairs
+from .agreement import OUTLIER_RATIO, Agreement, agreement
+from .readings import Reading
+
+# Fewest poses that determine the matrix and show whether it is needed.
+MIN_POSES_FOR_AXES = 10
+# The matrix is needed where it divides the root mean square of the translations by this, or more.
+DECISIVE_RATIO = 3.0
+# Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
+MIN_SCALED, MAX_SHEAR = 0.03, 0.2
+AXES = "xyz"
+
+
+def misread_axes(poses: PosePairs) -> Reading | None:
+    """Return the axes of one file that seem negated, exchanged or scaled, with the misfit before and after; or None."""
+    if poses.n < MIN_POSES_FOR_AXES:
+        return None
+    found = []
+    now = agreement(poses.effective_robot, poses.camera)
+    if now is None or now.counts is None or now.counts.sum() < MIN_POSES_FOR_AXES:
+        return None
+    for side in ("camera", "robot"):
+        system = _system(poses, side, now)
+        before, _, _ = _solved(*system, False, now.counts)
+        after, M, trusted = _solved(*system, True, now.counts)
+        if trusted and before > DECISIVE_RATIO * after:
+            found.append((after, before, side, M))
+    for after, before, side, M in sorted(found, key=lambda one: one[0]):
+        if (said := _kind(M)) is not None:
+            return {"kind": "axes", "file": side, "before": before, "after": after, **said}
+    return None
+
+
+def _system(poses: PosePairs, side: str, at: Agreement) -> tuple[Array, Array, Array]:
+    """Return columns of the translations of X and W (n, 3, 6), those of M (n, 3, 9), and the rest (n, 3)."""
+    G, R_X = poses.robot, at.rotation
+    n = poses.n
+    eye = np.broadcast_to(np.eye(3), (n, 3, 3))
+    in_hand = poses.setup == "eye-in-hand"
+    R_E, t_E = poses.effective_robot[:, :3, :3], poses.effective_robot[:, :3, 3]
+    t_C, t_G = poses.camera[:, :3, 3], G[:, :3, 3]
+    if side == "camera" or in_hand:
+        fixed = np.concatenate([R_E, -eye], axis=2)
+    else:
+        fixed = np.concatenate([eye, -G[:, :3, :3]], axis=2)
+    if side == "camera":
+        return fixed, _columns(R_E @ R_X, t_C), t_E
+    seen = (R_X @ t_C[..., None])[..., 0]
+    if in_hand:
+        return fixed, _columns(eye, t_G), (R_E @ seen[..., None])[..., 0]
+    return fixed, -_columns(eye, t_G), seen
+
+
+def _columns(left: Array, t: Array) -> Array:
+    """Return the columns (n, 3, 9) of ``left M t`` by the entries of M, row by row."""
+    return np.asarray(np.einsum("nij,nk->nijk", left, t).reshape(len(t), 3, 9))
+
+
+def _solved(
+    fixed: Array, columns: Array, rest: Array, free: bool, counts: NDArray[np.bool_]
+) -> tuple[float, Array, bool]:
+    """Return the RMS of the translations, M, and whether it is determined; M is a factor unless it is ``free``."""
+    columns = columns if free else columns @ np.eye(3).reshape(9, 1)
+    A = np.concatenate([fixed, columns], axis=2)
+    among, M, trusted = counts, np.eye(3), True
+    distance = np.zeros(len(rest))
+    for _ in range(3):
+        left, right = A[among].reshape(-1, A.shape[2]), -rest[among].reshape(-1)
+        scale = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+        solution, _, rank, _ = np.linalg.lstsq(left / scale, right, rcond=1e-4)
+        solution = solution / scale
+        trusted = bool(rank == A.shape[2])
+        M = solution[6:].reshape(3, 3) if free else solution[6] * np.eye(3)
+        distance = np.linalg.norm(A @ solution + rest, axis=1)
+        level = OUTLIER_RATIO * float(np.median(distance[among]))
+        kept = counts & (distance <= level)
+        if kept.sum() < 0.6 * counts.sum():
+            break
+        among = kept
+    return float(np.sqrt(np.mean(distance[among] ** 2))), M, trusted
+
+
+def _kind(M: Array) -> dict[str, object] | None:
+    """Return what is wrong with the axes: ``negated``, ``exchanged`` or ``scaled``; None: nothing that has a name."""
+    size = float(np.cbrt(np.abs(np.linalg.det(M))))
+    if not size > 0.0:
+        return None
+    unit = M / size
+    best = min(
+        (np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)),
+        key=lambda P: float(np.linalg.norm(unit - P)),
+    )
+    scales = np.abs(unit[np.nonzero(best)])
+    others = np.abs(unit[best == 0.0]).max()
+    if others > MAX_SHEAR or scales.min() < 0.2:
+        return None
+    order, signs = np.argmax(np.abs(best), axis=1), best[np.arange(3), np.argmax(np.abs(best), axis=1)]
+    if (signs < 0).all():  # the factor would be negative
+        return None
+    found: dict[str, object] = {}
+    if (order != np.arange(3)).any():
+        found["exchanged"] = "".join(AXES[k] for k in np.flatnonzero(order != np.arange(3)))
+    if (signs < 0).any():
+        found["negated"] = "".join(AXES[k] for k in np.flatnonzero(signs < 0))
+    if found:
+        return found
+    middle = float(np.median(scales))
+    axis = int(np.argmax(np.abs(np.log(scales / middle))))
+    factor = float(middle / scales[axis])
+    return {"scaled": AXES[axis], "factor": factor} if abs(np.log(factor)) > MIN_SCALED else None
