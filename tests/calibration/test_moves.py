@@ -11,6 +11,7 @@ from scipy.stats import binom
 import uq_handeye as uq
 from studies.one_model.chains import ARMS
 from studies.one_model.rigs import SETUPS, SPREADS, arm_set
+from uq_handeye.cli.app import main
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
@@ -37,7 +38,7 @@ def moves(poses):
 def test_a_board_moved_by_20_mm_is_not_usable_and_its_pose_is_in_the_numbers_of_the_data():
     poses = stepped([SEED, 1], "target", 20e-3, 0.0)
     result, (finding,) = moves(poses)
-    assert not result.usable and "the target moved at robot pose 12" in result.headline
+    assert not result.usable and "the target moved from pose 12 on, by " in result.headline
     assert finding.values["shift"] == pytest.approx(20e-3, rel=0.1)
     (later,) = (one for one in uq.calibrate(poses, exclude="0-2").findings if one.code == "rig.moved")
     assert later.values["since"] == 12
@@ -45,6 +46,34 @@ def test_a_board_moved_by_20_mm_is_not_usable_and_its_pose_is_in_the_numbers_of_
     shuffled = uq.PosePairs(poses.robot[order], poses.camera[order], poses.setup, order * 2.0 + 1.0)
     _, (finding,) = moves(shuffled)
     assert order[finding.values["since"]] == 12
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("what", ["target", "camera"])
+def test_the_poses_before_and_after_a_move_are_fitted_as_two_and_exported(what, tmp_path):
+    poses = stepped([SEED, 3], what, 20e-3, 0.0)
+    result = uq.calibrate(poses, exclude="0")
+    other = {"target": "camera", "camera": "target"}[what]
+    split = {one.name: one for one in result.split}
+    assert list(split) == [name for name in ("camera", "target") for name in (name, f"{name}@12") if name in split]
+    assert set(split) == {other, what, f"{what}@12"}
+    (finding,) = (one for one in result.findings if one.code == "rig.moved")
+    moved = split[f"{what}@12"].pose[:3, 3] - split[what].pose[:3, 3]
+    assert np.linalg.norm(moved) == pytest.approx(20e-3, abs=4 * finding.values["shift_sd"])
+    drawn = uq.simulate(
+        n_poses=25, noise=NOISE, seed=[SEED, 3]
+    )  # the camera before the move, within 5 standard deviations
+    assert (np.abs(split["camera"].pose[:3, 3] - drawn.truth.X[:3, 3]) < 5 * split["camera"].std[3:]).all()
+    again = uq.load(result.save(tmp_path / "result.json"))
+    assert [one.to_dict() for one in again.split] == [one.to_dict() for one in result.split]
+    chosen = list(split)[0 if what == "target" else 1]
+    command = ["export", str(tmp_path / "result.json"), str(tmp_path / "x.npz"), "--camera", chosen]
+    with pytest.raises(SystemExit, match="0"):
+        main(command)
+    np.testing.assert_allclose(np.load(tmp_path / "x.npz")["X"], split[chosen].pose, atol=1e-12)
+    with pytest.raises(SystemExit, match="2"):
+        main([*command[:-1], "other"])
 
 
 @pytest.mark.statistical

@@ -80,7 +80,7 @@ def test_what_moved_is_named_with_the_moment(cameras, targets, since):
             said.append((finding.values["name"], str(finding.values.get("since"))) == (name, str(since)))
             if said[-1]:
                 assert finding.values["shift"] == pytest.approx(3e-3, rel=0.3)
-                assert f"{name} did not stand still: from robot pose {since} on" in str(finding)
+                assert f"{name} moved from robot pose {since} on, by " in str(finding)
     assert np.mean(said) > (0.8 if len(cameras) == 1 else 0.95)  # one camera, one board: the two are nearly alike
 
 
@@ -95,7 +95,7 @@ def test_a_move_of_a_hundred_times_the_noise_is_named_not_rejected(since):
             said = str(calibrate_rig(rig, noise).findings[0])
         except uq.InputError as error:
             said = str(error)
-        assert f"{name} did not stand still: from robot pose {since} on" in said
+        assert f"{name} moved from robot pose {since} on, by " in said
 
 
 def test_single_outliers_are_no_move():
@@ -126,7 +126,7 @@ def test_paths_in_text_and_in_the_file():
     exact, _ = simulate_rig(*HAND, n_poses=40, seed=5)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)
     found = calibrate_rig(moved(with_noise(exact, noise, [SEED, 1]), "board", 25, 3e-3, 3e-3), noise)
-    assert "The target board did not stand still: from robot pose 25 on" in found.text()
+    assert "The target board moved from robot pose 25 on, by " in found.text()
     stored = found.to_dict()
     of = {(path["name"], path.get("by") or path["since"]): path for path in stored["paths"]}
     assert of["board", 25]["chi_square"] > chi2.ppf(1 - 1e-9, 6)

@@ -56,6 +56,7 @@ from .job import Job, job_of
 from .pair_findings import findings_of_pairs
 from .request import BUNDLE, Request, documented
 from .result import Calibration
+from .split_fit import SplitFit, split_fit, split_of_poses
 
 if TYPE_CHECKING:
     from ..rig.result import RigCalibration
@@ -173,13 +174,19 @@ def _calibrate_rig(
     require_left_out(where, **{name: others[name] for name, silent in left.items() if not silent})
     if shared:
         raise InputError(f"Expected no `shared` errors or none at all ([]) {where}, got {len(shared)}.")
+    options: dict[str, Any] = {"robust": robust is not False, "shared": shared is None, "seed": seed}
     try:
-        result = calibrate_rig(data, noise, method=method, robust=robust is not False, shared=shared is None, seed=seed)
+        result = calibrate_rig(data, noise, method=method, **options)
     except (InputError, NotConvergedError) as error:
         error.findings = tuple(without_consequences(findings_of_pairs(data, None)))
         warn(error.findings, 4)
         raise
     found = without_consequences([*result.findings, *findings_of_pairs(data, result)])
+    moved = next((one for one in found if one.code == "rig.moved"), None)
+    split = None if moved is None else split_fit(data, noise, moved, method=method, **options)
+    if split is not None:
+        found = [split.finding if one is moved else one for one in found]
+        result = replace(result, split=split.poses)
     warn(found, 4)
     return replace(result, findings=tuple(found))
 
@@ -233,7 +240,11 @@ def _answer(
     if flips := flipped_poses(job, result):  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
     findings += other_convention(job, result)
-    findings = _numbered(without_consequences([*findings, *shifted(job, result), *flips]), selection)
+    findings = without_consequences([*findings, *shifted(job, result), *flips])
+    if (split := _split(job, findings, selection)) is not None:
+        result = replace(result, split=split.poses)
+        findings = [split.finding if one.code == split.finding.code else one for one in findings]
+    findings = _numbered(findings, selection)
     result = replace(result, findings=tuple(findings), provenance=_origin(job, data, result.method, selection))
     try:
         require_determined(result, job.motions)
@@ -243,6 +254,16 @@ def _answer(
         raise
     warn(findings, 3)
     return result
+
+
+def _split(job: Job, findings: Sequence[Finding], selection: Selection | None) -> SplitFit | None:
+    """Return the fit before and after the move that was found, if one was."""
+    moved = next((one for one in findings if one.code == "rig.moved"), None)
+    if moved is None or job.poses is None:
+        return None
+    row = int(moved.values["since"])
+    number = row if selection is None else int(selection.kept[row])
+    return split_of_poses(job.poses, job.request.noise, moved, str(number), seed=int(job.request.seed))
 
 
 def _origin(job: Job, data: PosePairs | Motions, method: str, selection: Selection | None) -> Provenance:

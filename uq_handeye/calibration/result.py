@@ -119,6 +119,9 @@ class Calibration(Statement):
         Directions of X and W that the motions leave open; None: there are none. `covariance` and `covariance_W` are
         then those of the other directions, and have the variance 0 along these: use them together with
         `open_directions`.
+    split : tuple of EstimatedPose
+        Where the camera or the target moved during the session: cameras and targets of the fit in which it is two, one
+        before and one after, such as ``camera`` and ``camera@13``.
     about : dict of str to str
         Title block of the report: cell, robot, camera, serial numbers, ... (`files.about.ABOUT`).
     kinematics : FittedKinematics or None
@@ -362,12 +365,12 @@ class Calibration(Statement):
             index=pd.Index([one.name for one in numbers], name=self.frame),
         )
 
-    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded"
+    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split"
     _in_file: ClassVar[str] = (
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
         "time_offset shared agreement open=opened kinematics posterior residuals headline usable answered accuracy "
-        "checks data=_data_in_file excluded findings warnings"
+        "checks data=_data_in_file excluded split findings warnings"
     )
 
     def to_dict(self) -> dict[str, Any]:

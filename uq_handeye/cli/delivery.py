@@ -382,8 +382,9 @@ def _write_result(
     result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: "Mapping[str, Figure]"
 ) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
-    from ..formats.export import exported
+    from ..formats.export import exported, several_exported
     from ..read import write_files
+    from ..rig.result import several_of_split
 
     files: dict[str, str | bytes] = {"result.json": json_of(result, verdict)}
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}
@@ -395,9 +396,16 @@ def _write_result(
         files |= camera_files(seen)
     if result.table is not None:
         files["poses.csv"] = _poses_csv(result.table)
+    if result.split:
+        files["split.toml"] = several_exported(several_of_split(result.split), "toml")
     files |= rendered(drawn)
     write_files(directory, files)
-    possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
+    possible = {
+        "poses.csv",
+        "split.toml",
+        *EXPORTS.values(),
+        *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg")),
+    }
     for name in possible - set(files):  # those of an earlier run are not of this result
         (directory / name).unlink(missing_ok=True)
     wrote = f"{directory / 'result.json'} with {len(files) - 1} more files"

@@ -225,8 +225,13 @@ def write_several(of: Several, path: StrPath, format: str | None = None) -> Path
     Raises `InputError` for another format.
     """
     target, name = _format_of(path, format, tuple(_OF_SEVERAL))
-    write_atomically(target, _OF_SEVERAL[name](of))
+    write_atomically(target, several_exported(of, name))
     return target
+
+
+def several_exported(of: Several, format: str) -> str | bytes:
+    """Return the content of a file of a format."""
+    return _OF_SEVERAL[format](of)
 
 
 def _format_of(path: StrPath, format: str | None, known: tuple[str, ...]) -> tuple[Path, str]:

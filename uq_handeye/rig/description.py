@@ -373,6 +373,11 @@ def _mapping(value: Any, name: str) -> Mapping[str, Any]:
     return value  # type: ignore[no-any-return]
 
 
+def later_name(name: str, since: Hashable) -> str:
+    """Name a camera or target that moved, from a moment on."""
+    return f"{name.partition('@')[0]}@{since}"
+
+
 def require_left_out(where: str, **options: Any) -> None:
     """Raise `InputError` for arguments of one camera that were given."""
     if given := [name for name, value in options.items() if value is not None]:

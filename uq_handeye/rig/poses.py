@@ -86,6 +86,8 @@ class RigPoses(Record):
         camera.
     provenance : mapping or None
         Versions of the software, and the arguments of `calibrate_rig`.
+    split : tuple of EstimatedPose
+        Where a camera or target moved: all poses of the fit with it as two, before and after (`split_rig`).
     """
 
     rig: Rig
@@ -110,6 +112,7 @@ class RigPoses(Record):
     findings: tuple[Finding, ...] = ()
     posterior: Posterior | None = None
     provenance: dict[str, Any] | None = None
+    split: tuple[EstimatedPose, ...] = ()
 
     # ------------------------------------------------------------------------------------------- poses
 

@@ -7,7 +7,7 @@ views.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -35,12 +35,10 @@ class RigCalibration(RigPoses):
 
     def text(self) -> str:
         """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
-        failures = {str(one): one.phrase for one in self.findings if one.severity == "failure"}
-        lines = [
-            f"NOT USABLE: {f'{failures[reason]}. ' if reason in failures else ''}{reason}" for reason in self.reasons
-        ]
+        short = {str(one): f"{one.phrase}." for one in self.findings}
+        lines = [f"NOT USABLE: {short.get(reason, reason)}" for reason in self.reasons]
         lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
-        for one in self.every:
+        for one in self.split or self.every:  # where a pose moved, those of all views together are neither
             turn, shift = one.sizes
             at = ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3])
             said = [f"{np.degrees(turn):.4f} deg" if np.isfinite(turn) else "open",
@@ -57,7 +55,7 @@ class RigCalibration(RigPoses):
             least = min(self.paths, key=lambda path: path.p)
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
         lines.append(self.optimality.words)
-        lines += [warning for warning in self.warnings if warning not in self.reasons]
+        lines += self.warnings
         return "\n".join([*lines, *self.rejected_words])
 
     def to_dict(self) -> dict[str, Any]:
@@ -133,6 +131,12 @@ def several_of(result: RigPoses) -> Several:
         [_transform(one) for one in result.singles], [_transform(one) for one in result.pairs], comments,
         signed_text(result.to_dict()),
     )  # fmt: skip
+
+
+def several_of_split(split: Sequence[EstimatedPose]) -> Several:
+    """Return poses of the fit in which what moved is two."""
+    comments = ["The fit with what moved as two: before the move, and from the robot pose after @ on."]
+    return Several([_transform(one) for one in split], [], comments, json_text([one.to_dict() for one in split]))
 
 
 def _transform(one: EstimatedPose) -> Transform:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..core.formatting.numbers import probability
+from ..core.formatting.numbers import concise, probability
 from ..findings import INPUT, RESIDUALS, Finding, Values, sentence
+from .description import later_name
 
 # Poses with the views of their copy: name, and by which partner or since which robot pose.
 Paths = Sequence[Mapping[str, Any]]
@@ -20,6 +21,21 @@ def _by(angle: float, shift: float) -> str:
 def path_words(name: str, by: str | None, since: str | int | None) -> str:
     """Name a pose and the views of its copy."""
     return f"{name}, by {by}" if by is not None else f"{name}, from robot pose {since} on"
+
+
+def _moved_by(values: Values) -> str:
+    """``3.0(5) mm, 0.50(7) deg``; without the part that is not resolved."""
+    parts = (("shift", 1e3, "mm"), ("angle", 180 / math.pi, "deg"))
+    resolved = [(name, of, unit) for name, of, unit in parts if values[f"{name}_sd"] is not None]
+    return ", ".join(concise(of * values[name], of * values[f"{name}_sd"], unit) for name, of, unit in resolved)
+
+
+def _after_move(values: Values) -> str:
+    name = values["name"]
+    if values["kind"] == "camera":
+        names = f"{name} or {later_name(name, values['since'])}"
+        return f"take X before or after the move: uq-handeye export RESULT FILE --camera {names}"
+    return "take X of the fit with two targets: uq-handeye export RESULT FILE --camera NAME"
 
 
 def _or(others: Paths) -> str:
@@ -36,19 +52,20 @@ def _named(values: Mapping[str, Any]) -> str:
 @sentence(
     "rig.moved",
     check=RESIDUALS,
-    phrase=lambda values: f"the {_named(values)} moved at robot pose {values['since']}",
-    remedy=lambda values: f"Calibrate the poses before and after the move of the {_named(values)} by themselves.",
+    phrase=lambda values: f"the {_named(values)} moved from pose {values['since']} on, by {_moved_by(values)}",
+    remedy=_after_move,
     explains=True,
     rows=("since",),
 )
 def _(
-    kind: str, name: str, since: str | int, angle: float, shift: float, chi_square: float, p: float, others: Paths
-) -> str:
+    kind: str, name: str, since: str | int, angle: float, shift: float, chi_square: float, p: float, others: Paths,
+    angle_sd: float | None = None, shift_sd: float | None = None,
+) -> str:  # fmt: skip
     what = _named({"kind": kind, "name": name})
+    moved = _moved_by({"angle": angle, "angle_sd": angle_sd, "shift": shift, "shift_sd": shift_sd})
     return (
-        f"The {what} did not stand still: from robot pose {since} on it is elsewhere by {_by(angle, shift)} "
-        f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Calibrate the poses before and after by "
-        "themselves."
+        f"The {what} moved from robot pose {since} on, by {moved} (chi-square {chi_square:.0f} of 6, "
+        f"{probability(p)}).{_or(others)} It is two in the fit before and after: {name} and {later_name(name, since)}."
     )
 
 

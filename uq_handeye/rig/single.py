@@ -96,10 +96,14 @@ def _covariance_of_views(rig: Rig) -> JointCovariance | None:
     return JointCovariance(np.concatenate(own), np.concatenate(shared))
 
 
-def rig_of_poses(poses: PosePairs) -> Rig:
-    """Return the rig of poses side by side, in order of time, whose robot poses are named by their rows."""
+def rig_of_poses(poses: PosePairs, S: JointCovariance | None = None) -> Rig:
+    """Return the rig of poses side by side, in order of time, whose robot poses are named by their rows.
+
+    ``S``: joint covariance of the camera poses, where it is known.
+    """
     order = np.arange(poses.n) if poses.timestamps is None else np.argsort(poses.timestamps, kind="stable")
     rows, (arm, camera, target) = tuple(map(str, order.tolist())), poses.names
     on = {camera: arm, target: WORLD} if poses.setup == "eye-in-hand" else {camera: WORLD, target: arm}
-    view = View(camera, target, poses.camera[order], rows)
+    own, intrinsics = (None, None) if S is None else (S.own[order], S.shared[order])
+    view = View(camera, target, poses.camera[order], rows, own, intrinsics=intrinsics)
     return Rig({arm: ArmPoses(poses.robot[order], rows)}, {camera: on[camera]}, {target: on[target]}, (view,))

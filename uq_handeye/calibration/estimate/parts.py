@@ -22,6 +22,7 @@ from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.models import Noise
+from ...model.poses.estimated_pose import EstimatedPose
 from ...model.poses.motions import Motions
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
@@ -122,6 +123,7 @@ class Quality(Record):
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
     analysis: Analysis | StoredAnalysis | None = None  # diagnostics, other covariances, split halves, budget
+    split: tuple[EstimatedPose, ...] = ()  # where camera or target moved: all poses of the fit with it as two
 
 
 # The parts by their names on the result.

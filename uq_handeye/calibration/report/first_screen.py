@@ -61,7 +61,7 @@ def first_screen(
     groups: list[Sequence[Block]] = [
         [Heading(title_of(result, width)), *answer_blocks(result, verdict)],
         [checks_in_short(result)],
-        [*([Paragraph(facts, hang="  ")] if facts else []), *x_blocks(result, width)],
+        [*([Paragraph(facts, hang="  ")] if facts else []), *(split_blocks(result) or x_blocks(result, width))],
         [Paragraph(text, hang="  ") for text in last],
     ]
     document: Document = [list(group) for group in groups if group]
@@ -215,6 +215,12 @@ def x_blocks(result: Calibration, width: int = COLUMNS) -> list[Block]:
         if max(map(len, lines)) <= width:
             break
     return [Code("", "\n".join(lines), ""), matrix_block(result.X, width)]
+
+
+def split_blocks(result: Calibration) -> list[Block]:
+    """Return the poses before and after a move, where there was one: X of all poses together is neither."""
+    rows = [[one.frame, ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in result.split]
+    return [Table("", ["before and after the move", "x, y, z (mm)", "+- mm", "deg"], rows)] if rows else []
 
 
 def _plus_minus(value: float, std: float | None) -> str:

@@ -1,6 +1,7 @@
 """Command ``export``: X for other programs."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ..delivery import status_of
@@ -9,6 +10,10 @@ from ..messages import LOG, fail
 from ..names import CONTROLLER_NAMES, CONVENTION_NAMES
 from ..printing import emit
 from ..values import one_of, require_writable
+
+if TYPE_CHECKING:
+    from ...calibration.result import Calibration
+    from ...rig.result import RigCalibration
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
@@ -24,6 +29,8 @@ def export_command(
     format: str | None = None,
     corrects: Path | None = None,
     covariance_convention: str | None = None,
+    camera: str | None = None,
+    target: str | None = None,
 ) -> int:
     """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
 
@@ -36,6 +43,9 @@ def export_command(
       uq-handeye export result/result.json x.dat --format kuka
       # All poses of a rig, with the relative poses of its cameras
       uq-handeye export result/rig.json cameras.launch.py
+      # One camera of a rig, or X after a move that was found from pose 13 on
+      uq-handeye export result/rig.json left.urdf --camera left
+      uq-handeye export result/result.json x.urdf --camera camera@13
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf
 
@@ -47,6 +57,8 @@ def export_command(
         Default: by the suffix of FILE.
       * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
         are known (standard deviation below half of the prior) and writes their covariance as JSON.
+      * --camera NAME: Camera to write, of a rig or of the fit before and after a move. Default: all, or X.
+      * --target NAME: Target to write, in place of a camera.
       --covariance-convention NAME <CONVENTION_NAMES>: Convention of the covariances in files of OpenCV and NPZ, e.g.
         gtsam. Default: toolkit.
     """
@@ -62,6 +74,8 @@ def export_command(
         return 0
     name = None if format is None else one_of(format, "--format", (*EXPORT_NAMES, "toml"))
     stored = load(result)
+    if camera is not None or target is not None:
+        return _write_one(stored, result, file, name, camera, target, covariance_convention)
     convention = one_of(covariance_convention or "toolkit", "--covariance-convention", CONVENTION_NAMES)
     if isinstance(stored, RigCalibration):
         if convention != "toolkit":
@@ -78,3 +92,31 @@ def export_command(
             "; ".join(stored.open_words),
         )
     return status_of(stored, None)
+
+
+def _write_one(
+    stored: "Calibration | RigCalibration",
+    result: Path,
+    file: Path,
+    format: str | None,
+    camera: str | None,
+    target: str | None,
+    convention: str | None,
+) -> int:
+    """Write one camera or target: of the fit before and after a move where there was one."""
+    from ...formats.export import write_export
+    from ...rig.one_pose import OnePose
+
+    if camera is not None and target is not None:
+        raise InputError("--camera and --target are both given. Remove one of them.")
+    what, asked = ("camera", camera) if target is None else ("target", target)
+    of_kind = stored.cameras if what == "camera" else stored.targets
+    if not stored.split and stored.reasons:
+        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+        return ExitStatus.NOT_USABLE
+    known = {one.name: one for one in stored.split if one.name.partition("@")[0] in of_kind} or dict(of_kind)
+    if asked not in known:
+        raise InputError(f"Expected --{what} to be one of {', '.join(known)}, got {asked!r}.")
+    chosen = one_of(convention or "toolkit", "--covariance-convention", CONVENTION_NAMES)
+    emit(f"Wrote {write_export(OnePose(known[asked]), file, format, chosen)}\n")
+    return ExitStatus.DONE

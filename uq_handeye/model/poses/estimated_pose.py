@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ...core.files.json_values import JsonObject
+from ...core.files.records import array_of, damaged
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
+
+NO_ROWS = np.zeros((0, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +27,7 @@ class EstimatedPose(ReadOnlyArrays):
     frame: str  # such as gripper_T_camera
     pose: Array  # (4, 4)
     covariance: Array  # (6, 6)
-    open: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    open: Array = field(default_factory=lambda: NO_ROWS)
     count: int = 0  # views
 
     @property
@@ -61,9 +65,20 @@ class EstimatedPose(ReadOnlyArrays):
         mm, deg = (digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn))))
         return mm, deg
 
+    @classmethod
+    def from_dict(cls, data: Any) -> EstimatedPose:
+        """Read what `to_dict` writes; raises `InputError` on anything else."""
+        with damaged("A pose"):
+            name, frame, count = str(data["name"]), str(data["frame"]), int(data["views"])
+            pose, covariance = (array_of(data[key], (k, k), key) for key, k in (("pose", 4), ("covariance", 6)))
+            rows = data.get("open", [])
+            return cls(
+                name, frame, pose, covariance, array_of(rows, (len(rows), 6), "open") if rows else NO_ROWS, count
+            )
+
     def to_dict(self) -> JsonObject:
         """Plain numbers."""
         return {
-            "frame": self.frame, "pose": self.pose.tolist(), "covariance": self.covariance.tolist(),
+            "name": self.name, "frame": self.frame, "pose": self.pose.tolist(), "covariance": self.covariance.tolist(),
             **({"open": self.open.tolist()} if len(self.open) else {}), "views": self.count,
         }  # fmt: skip

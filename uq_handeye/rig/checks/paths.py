@@ -36,9 +36,9 @@ from scipy.special import chdtrc
 from ...core.files.records import Record
 from ...core.files.tree_values import is_plain_number
 from ...core.geometry.se3 import Array, logarithm, perturb
-from ...core.numbers.levels import IMPOSSIBLE
+from ...core.numbers.levels import DOUBTFUL as RESOLVED
 from ...errors import InputError, NotConvergedError
-from ...findings import Finding, Severity
+from ...findings import Finding
 from ...fit.likelihood.robust import largest_by_chance
 from ...fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, differences, largest_step, sums_of
 from ..description import Rig
@@ -115,13 +115,19 @@ def _white(found: RigFit) -> list[Array]:
     ]
 
 
-def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable, ...]]:
-    """(E,) place in time of each view, and the names of all moments: sorted if numbers, else as they come."""
+def moments_in_order(rig: Rig) -> list[Hashable]:
+    """Return the names of all moments: sorted if numbers, else as they come."""
     names = dict.fromkeys(name for arm in rig.arms.values() for name in arm.names)
     names |= dict.fromkeys(name for view in rig.views for name in view.at or ())
     listed = list(names)
     if all(map(is_plain_number, listed)):
         listed.sort(key=float)
+    return listed
+
+
+def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable, ...]]:
+    """(E,) place in time of each view, and the names of all moments in order."""
+    listed = moments_in_order(rig)
     place = {name: k for k, name in enumerate(listed)}
     at = [[place[name] for name in view.at or ()] for view in rig.views]
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
@@ -194,6 +200,7 @@ class _Copied:
     change: Array
     square: float
     remaining: float  # largest chi-square of another step in time that is left
+    covariance: Array  # (6, 6) of the change
 
 
 def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
@@ -239,7 +246,7 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
         return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD_CHI_SQUARE and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
-    return best.path, _finding(task.rig, found, best, p, others)
+    return best.path, _finding(task.rig, best, p, others)
 
 
 def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exception:
@@ -315,12 +322,11 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
             fitted = fit(other, found.noise, start, task.method, prior=task.prior)
     except (InputError, NotConvergedError, np.linalg.LinAlgError):
         return None
-    change = np.concatenate([logarithm(fitted.at[m, :3, :3] @ fitted.at[u, :3, :3].T),
-                             fitted.at[m, :3, 3] - fitted.at[u, :3, 3]])  # fmt: skip
+    change = pose_change(fitted.at[u], fitted.at[m])
     D = np.zeros((6, len(fitted.covariance)))
     D[:, 6 * m :], D[:, 6 * u : 6 * u + 6] = np.eye(6), -np.eye(6)
     S = D @ fitted.covariance @ D.T
-    square = float(change @ np.linalg.lstsq(S, change, rcond=None)[0])
+    square = _square(change, S)
     weight = fitted.view_weights
     if weight[path.edges].mean() < 0.5:  # they do not agree on another place either
         return None
@@ -328,21 +334,47 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
     limit = largest_by_chance(graph.E + graph.P)
     remaining = max((one.chi_square for one in _in_time(task.rig, fitted)), default=0.0)
-    return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale, remaining)
+    return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale, remaining, scale * S)
 
 
-def _finding(rig: Rig, found: RigFit, best: _Copied, p: float, others: list[RigPath]) -> Finding:
+def pose_change(before: Array, after: Array) -> Array:
+    """(6,) ``(theta, tau)`` of a pose after a move, in the frame of its parent, rad and m."""
+    return np.concatenate([logarithm(after[:3, :3] @ before[:3, :3].T), after[:3, 3] - before[:3, 3]])
+
+
+def sizes_of_move(change: Array, S: Array) -> dict[str, float | None]:
+    """Return angle and shift of a move with their standard deviations, None of the one that is not resolved.
+
+    Where only one of the two is resolved, the other is taken as 0: a board slides, a camera tilts.
+    """
+    parts = (slice(0, 3), slice(3, 6))
+    moved = [float(chdtrc(3, _square(change[part], S[part, part]))) < RESOLVED.probability for part in parts]
+    found: dict[str, float | None] = {}
+    for name, part, other, own, of_other in zip(
+        ("angle", "shift"), parts, parts[::-1], moved, moved[::-1], strict=True
+    ):
+        d, C = change[part], S[part, part]
+        if own and not of_other:
+            gain = S[part, other] @ np.linalg.pinv(S[other, other], hermitian=True)
+            d, C = d - gain @ change[other], C - gain @ S[other, part]
+        size = float(np.linalg.norm(d))
+        along = d / max(size, 1e-300)
+        sd = float(np.sqrt(max(float(along @ C @ along), 0.0)))
+        found |= {name: size, f"{name}_sd": sd if own or not of_other else None}
+    return found
+
+
+def _square(d: Array, S: Array) -> float:
+    return float(d @ np.linalg.lstsq(S, d, rcond=None)[0])
+
+
+def _finding(rig: Rig, best: _Copied, p: float, others: list[RigPath]) -> Finding:
     path = best.path
     kind = "camera" if path.name in rig.cameras else "target" if path.name in rig.targets else "base of the arm"
     values: dict[str, Any] = {
-        "kind": kind, "name": path.name, "angle": float(np.linalg.norm(best.change[:3])),
-        "shift": float(np.linalg.norm(best.change[3:])), "chi_square": best.square, "p": p,
-        "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],
+        "kind": kind, "name": path.name, **sizes_of_move(best.change, best.covariance), "chi_square": best.square,
+        "p": p, "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],
     }  # fmt: skip
-    assert path.edges is not None
-    counts = found.edge_weights > 0.5
-    mixed = bool((counts & path.edges).any())
-    severity: Severity = "failure" if mixed and p < IMPOSSIBLE.probability else "caution"
     if path.by is None:
-        return Finding("rig.moved", severity, values | {"since": path.moment})
+        return Finding("rig.moved", "failure", values | {"since": path.moment})
     return Finding("rig.paths_disagree", "caution", values | {"by": path.by})
