@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import parsed, require_signed, signed_text
+from ..core.files.json_files import json_text, parsed, require_signed, signed_text
 from ..core.files.open import StrPath
 from ..core.formatting.numbers import probability
 from ..errors import InputError
