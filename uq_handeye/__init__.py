@@ -32,7 +32,6 @@ if _typing.TYPE_CHECKING:
     from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .fit.likelihood.rig_bundle import Agreement
     from .fit.likelihood.shared_estimates import SharedEstimate
-    from .fit.one_model.component import Component
     from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
@@ -51,6 +50,7 @@ if _typing.TYPE_CHECKING:
     from .model.camera.measured_board import MeasuredBoard
     from .model.camera.result import CameraCalibration
     from .model.camera.stored_calibration import read_camera
+    from .model.error_terms.term import Component
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
     from .model.kinematics.errors import ErrorParameter
@@ -325,7 +325,7 @@ _LATER = {
     "model.noise.known_values": ("parse_known_values",),
     "model.noise.models": ("PairNoise", "PoseNoise"),
     "model.noise.pose_prior": ("PosePrior",),
-    "fit.one_model.component": ("Component",),
+    "model.error_terms.term": ("Component",),
     "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "use.planning.plan": ("plan",),
     "use.planning.result": ("Plan",),

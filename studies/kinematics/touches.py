@@ -27,11 +27,12 @@ import uq_handeye as uq
 from studies.common.scores import nees
 from uq_handeye.core.geometry.se3 import Array, skew
 from uq_handeye.fit.likelihood.constraint import Linearised
-from uq_handeye.fit.one_model.component import Component
 from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.fit.one_model.integration import integrate
 from uq_handeye.fit.one_model.mode import find_mode
-from uq_handeye.model.kinematics.kinematic_errors import JOINT_NOISE
+from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
+from uq_handeye.model.error_terms.keys import JOINT_NOISE
+from uq_handeye.model.error_terms.term import ErrorTerm
 from uq_handeye.model.shared_errors.sizes import SIZES, Size
 
 TOUCH = "touch"
@@ -142,12 +143,13 @@ def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -
     """Ball, sockets and kinematic errors, with their joint covariance."""
     errors = replace(errors, flange="controller")  # ball and sockets are unknown: no frames to define
     columns = errors.columns(kinematics, of.q)
-    by_group = [np.flatnonzero(np.array(columns.groups) == group) for group in dict.fromkeys(columns.groups)]
+    groups = list(dict.fromkeys(key.kind for key in columns.keys))
+    by_group = [np.flatnonzero(columns.of(group)) for group in groups]
     kept = columns.kept[np.concatenate(by_group)]
     model = replace(nominal(kinematics, of), kept=kept, e=np.zeros(len(kept)))
     p = 3 + 3 * len(model.names)
     for _ in range(ROUNDS):
-        latent = _latent(model, of, errors, [columns.groups[index[0]] for index in by_group], list(map(len, by_group)))
+        latent = _latent(model, of, errors, groups, list(map(len, by_group)))
         mixture = integrate(latent, [find_mode(latent)])
         each = [latent.conditional(theta) for theta in mixture.theta]
         mean = np.average([one.mean for one in each], axis=0, weights=mixture.weights)
@@ -166,7 +168,7 @@ def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -
 
 
 def _latent(
-    model: TouchModel, of: Touches, errors: uq.KinematicErrors, groups: list[str], counts: list[int]
+    model: TouchModel, of: Touches, errors: uq.KinematicErrors, groups: list[Kind], counts: list[int]
 ) -> LatentModel:
     """Return the model linear about ``model``: a touch is a row of six numbers whose rotation says nothing."""
     A, r, at = model.rows(of)
@@ -174,8 +176,13 @@ def _latent(
     residuals = _padded(r[..., None])[..., 0] - F @ model.e
     population = errors.population
     components = [
-        Component(TOUCH, "robot", Size(TOUCH_SD, TOUCH_FACTOR, "m"), block=np.eye(6)[:, 3:]),
-        Component(
+        ErrorTerm(
+            ErrorKey(Owner.ROBOT, Kind.OWN, name=TOUCH),
+            "robot",
+            Size(TOUCH_SD, TOUCH_FACTOR, "m"),
+            block=np.eye(6)[:, 3:],
+        ),
+        ErrorTerm(
             JOINT_NOISE,
             "robot",
             Size(population.joint_sd, SIZES[JOINT_NOISE].factor, "rad"),
@@ -184,7 +191,7 @@ def _latent(
     ]
     for group, K in zip(groups, np.split(F, np.cumsum(counts)[:-1], axis=-1), strict=True):
         size = Size(errors.standard_deviations[group], population.factor)
-        components.append(Component(group, "robot", size, columns=K))
+        components.append(ErrorTerm(ErrorKey(Owner.ROBOT, group), "robot", size, columns=K))
     as_they_are = np.broadcast_to(np.eye(6), (len(of.q), 6, 6))
     rotations = np.broadcast_to(np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), (len(of.q), 6, 6))
     return LatentModel.of(Linearised(residuals, J, (as_they_are, as_they_are)), components, known=rotations)

@@ -42,11 +42,12 @@ from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.core.presentation.colours import BLUE, GRID, INK, ORANGE, PURPLE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.fit.one_model.estimation import JointModel
+from uq_handeye.model.error_terms.keys import TARGET_SCALE
 from uq_handeye.model.shared_errors.sizes import Size
 
 SEED = 2904
 AXES = ("theta x", "theta y", "theta z", "tau x", "tau y", "tau z")
-SCALE, WRONG_SIZE = "target scale", 3e-3
+WRONG_SIZE = 3e-3
 LEVEL = 0.001  # of the test of all quantities of a cell together
 
 
@@ -101,7 +102,7 @@ def drawn(cell: Cell, rng: np.random.Generator) -> tuple[uq.PosePairs, Array, di
         if part.columns is not None:
             z = rng.standard_normal(part.count)
             xi[part.side] += size * part.columns @ z
-            scale = sizes[part.name] * float(z[0]) if part.name == SCALE else scale
+            scale = sizes[part.name] * float(z[0]) if part.key == TARGET_SCALE else scale
         if part.block is not None:
             z = rng.standard_normal((cell.n, part.block.shape[-1], 1))
             xi[part.side] += size * (part.block @ z)[..., 0]
@@ -129,7 +130,7 @@ def ranked(cell: Cell, seed: int, number: int) -> Ranked:
         return Ranked(found)
     source, _ = model_of(poses)
     at = source.constraint.complete(np.asarray(result.X))
-    return Ranked(found, source.find(at).probability_of(SCALE, WRONG_SIZE), abs(scale) > WRONG_SIZE)
+    return Ranked(found, source.find(at).probability_of(TARGET_SCALE, WRONG_SIZE), abs(scale) > WRONG_SIZE)
 
 
 def _of_mixture(result: Any, off: Array) -> Array:

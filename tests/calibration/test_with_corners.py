@@ -14,7 +14,8 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.one_model.noise_of_data import estimate_robot_noise
-from uq_handeye.model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
+from uq_handeye.model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
+from uq_handeye.model.noise.estimate import NoisePrior
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.noise.models import marginals
 

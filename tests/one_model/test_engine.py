@@ -14,11 +14,11 @@ from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.fit.likelihood.reference import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.fit.one_model import engine
-from uq_handeye.fit.one_model.component import Component
 from uq_handeye.fit.one_model.engine import Conditional, LatentModel, State
 from uq_handeye.fit.one_model.estimation import JointModel
 from uq_handeye.fit.one_model.integration import design, integrate
 from uq_handeye.fit.one_model.mode import Mode, find_mode, other_modes
+from uq_handeye.model.error_terms.term import Component
 from uq_handeye.model.noise.estimate import NoisePrior
 from uq_handeye.model.shared_errors.shared_error import SharedError
 from uq_handeye.model.shared_errors.sizes import Size

@@ -9,6 +9,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
+from uq_handeye.model.error_terms.keys import OUTLINE
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.model.shared_errors.assumed import (
@@ -18,7 +19,6 @@ from uq_handeye.model.shared_errors.assumed import (
     replace_defaults,
 )
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared, without_shared
-from uq_handeye.model.shared_errors.shared_error import OUTLINE
 from uq_handeye.model.shared_errors.sizes import SIZES
 from uq_handeye.model.shared_errors.view import (
     HALF_WIDTH,

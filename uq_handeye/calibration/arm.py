@@ -12,16 +12,11 @@ from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
 from ..findings import digits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..model.error_terms.key import Kind
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..model.kinematics.arms.newton import postures_at
 from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.kinematic_errors import (
-    JOINT_NOISE,
-    KinematicColumns,
-    KinematicErrors,
-    effects_of_errors,
-    poses_with_errors,
-)
+from ..model.kinematics.kinematic_errors import KinematicColumns, KinematicErrors, effects_of_errors, poses_with_errors
 from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance
@@ -75,8 +70,8 @@ class Arm(NamedTuple):
 def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
     """Return the noise with joint noise added, and the declared errors of the arm, which all poses share."""
     deviations = columns.given.standard_deviations
-    joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
-    own = replace(joint, shared=joint.shared[..., :0], names=())
+    joint = kinematic_covariance(columns, deviations | {Kind.JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
+    own = replace(joint, shared=joint.shared[..., :0], keys=())
     return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
 
 

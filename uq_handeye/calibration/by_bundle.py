@@ -8,7 +8,7 @@ import numpy as np
 
 from ..findings import Finding
 from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
-from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
+from ..model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
 from ..model.noise.models import PoseNoise
 from ..model.poses.residuals import residuals, summarise
 from .by_likelihood import by_likelihood
@@ -34,8 +34,8 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     corners = 0.0 if calibration is None else float(np.median(np.bincount(calibration.corners.picture)))
     # A shift of a picture that the data resolve is noise of its corners that moves their mean by as much.
     times = {CAMERA_EXCESS: 1.0, PICTURE_SHIFT: corners}
-    told = [part for part in components if part.name == CAMERA_EXCESS or part.status == "estimated"]
-    excess = float(np.sqrt(sum(times.get(part.name, 0.0) * part.value**2 for part in told)))
+    told = [part for part in components if part.key == CAMERA_EXCESS or part.status == "estimated"]
+    excess = float(np.sqrt(sum(times.get(part.key, 0.0) * part.value**2 for part in told)))
     found = adjust_rig(poses, robot, fit.unknowns, fit.weights, excess)
     agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
     of_offset = result.covariance - fit.covariance_X

@@ -16,7 +16,6 @@ from ..core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
-from ..fit.diagnostics.budget import MOTION, SIZES_OPEN
 from ..fit.diagnostics.pose_table import pose_table
 from ..fit.empirical_covariance.resampled import resampled
 from ..fit.input_checks.lengths import check_place
@@ -40,13 +39,26 @@ from ..fit.likelihood.shared_estimates import (
     without_shared_errors,
 )
 from ..fit.likelihood.starts import leaves_open, start_open
-from ..fit.one_model.estimation import BY_VIEW, ROUGH_GAIN, FoundSizes, JointModel
+from ..fit.one_model.estimation import ROUGH_GAIN, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.telling import tell
 from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
-from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
-from ..model.noise.joint_covariance import group_of
+from ..model.error_terms.key import ErrorKey, Kind
+from ..model.error_terms.keys import (
+    BY_VIEW,
+    CLOCK_OFFSET,
+    FOCAL_LENGTH,
+    JOINT_NOISE,
+    LENS,
+    MOTION,
+    OUTLINE,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    SIZES_OPEN,
+    TARGET_SCALE,
+    VIEW,
+)
 from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
@@ -55,17 +67,7 @@ from ..model.poses.timing import TimeOffset
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.in_noise import shared_columns, with_shared, without_shared
-from ..model.shared_errors.shared_error import (
-    CLOCK_OFFSET,
-    FOCAL_LENGTH,
-    LENS,
-    OUTLINE,
-    PRINCIPAL_POINT,
-    TARGET_SCALE,
-    VIEW,
-    WRONG_SIZE,
-)
-from ..model.shared_errors.sizes import ROBOT_ACCURACY
+from ..model.shared_errors.shared_error import WRONG_SIZE
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
 from .camera_of_result import given_by_robot, moved_intrinsics
 from .closed_forms import closed_forms
@@ -99,7 +101,7 @@ PLACED = frozenset(
         "misread_axes",
     ]
 )
-OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
+OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, PRINCIPAL_POINT})
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -185,7 +187,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
 
 def _slack(job: Job) -> tuple[float, float]:
     """Factors of the limits of robust weights, and that of all rows alike."""
-    accuracy = any(error.name == ROBOT_ACCURACY for error in job.shared)
+    accuracy = any(error.key == ROBOT_ACCURACY for error in job.shared)
     return TAIL_SLACK if job.arm is not None else 1.0, TAIL_SLACK if job.arm is not None or accuracy else 1.0
 
 
@@ -212,7 +214,7 @@ def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
     """Return the model with its columns at the poses as the fit corrects them (`_columns_at_corrected`)."""
     if source.poses is None or not isinstance(noise, PoseNoise):
         return source
-    by_view = next((part.block for part in source.components if part.name == BY_VIEW), None)
+    by_view = next((part.block for part in source.components if part.key == BY_VIEW), None)
     return replace(source, poses=_corrected_poses(source.poses, noise, fit), by_view=by_view)
 
 
@@ -248,22 +250,22 @@ def motions_without_shared_errors(motions: Motions, noise: Noise, fit: Fit) -> M
     return motions if found is None else relative_motions(PosePairs(*found, poses.setup), motions.pairs)
 
 
-def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array]:
-    """Covariances (n, 6, 6) that joint noise gives the robot poses, by its name; nothing where there is none."""
+def _joint_noise(job: Job, found: Mapping[Kind, float] | None) -> dict[ErrorKey, Array]:
+    """Covariances (n, 6, 6) that joint noise gives the robot poses; nothing where there is none."""
     columns = None if job.arm is None else job.arm.columns
     if columns is None:
         return {}
-    sd = float(columns.given.joint_sd or 0.0) if found is None else found.get(JOINT_NOISE, 0.0)
+    sd = float(columns.given.joint_sd or 0.0) if found is None else found.get(Kind.JOINT_NOISE, 0.0)
     return {JOINT_NOISE: sd**2 * columns.J @ columns.J.mT} if sd > 0 else {}
 
 
-def _fitted(job: Job, posterior: Posterior, found: Mapping[str, float] | None) -> FittedKinematics | None:
+def _fitted(job: Job, posterior: Posterior, found: Mapping[Kind, float] | None) -> FittedKinematics | None:
     """Return the results of the fit about the arm."""
     if job.arm is None:
         return None
     given = job.arm.errors
-    sd = dict(given.standard_deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
-    sd = {name: sd.get(name, 0.0) for name in (*DECLARED_AS, JOINT_NOISE)}
+    declared = given.standard_deviations | {Kind.JOINT_NOISE: float(given.joint_sd or 0.0)}
+    sd = {kind.value: size for kind, size in (declared if found is None else found).items()}
     left = job.arm.against.rms
     return FittedKinematics.of(job.arm.kinematics, job.arm.joints, given.how, given.flange, sd, left, posterior)
 
@@ -288,7 +290,7 @@ def _assembled(
     robust: RobustFit | None,
 ) -> tuple[Calibration, list[Finding]]:
     estimate = None if found is None else tell(found)
-    deviations = None if found is None or job.arm is None else found.sizes
+    deviations = None if found is None or job.arm is None else found.of_arm
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
@@ -300,7 +302,7 @@ def _assembled(
     if job.request.covariance != "model":
         resample = resampled(data, job.method, job.request.covariance, fit=fit, seed=job.request.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
-    beside: dict[str, Array] = {}
+    beside: dict[ErrorKey, Array] = {}
     if found is not None and job.request.covariance == "model":
         beside[SIZES_OPEN] = found.spread
         if (motion := motion_in_session(fit, noise)) is not None:
@@ -327,15 +329,15 @@ def _assembled(
     posterior: Posterior | OpenSizes | None = None
     if fit.W is not None and fit.open is None:
         posterior = joint
-        if poses is not None and (found is not None or not OF_POSES.isdisjoint(map(group_of, joint.names))):
+        if poses is not None and (found is not None or not OF_POSES.isdisjoint(key.error for key in joint.keys)):
             posterior = replace(joint, bound=(poses.robot, poses.camera), times=poses.timestamps)
         if found is not None:
-            more = [of_moves(move) for name, move in beside.items() if name != SIZES_OPEN]
+            more = [of_moves(move) for key, move in beside.items() if key != SIZES_OPEN]
             of_rest = sum(more, np.zeros_like(fit.covariance))
             posterior = with_open_sizes(posterior, fit.covariance, of_rest, found)
     shared = estimates_of(joint, job.shared, fit)
     if isinstance(posterior, OpenSizes):
-        analysis = replace(analysis, joint=posterior, prior_sd={error.name: error.prior_sd for error in shared})
+        analysis = replace(analysis, joint=posterior, prior_sd={error.key: error.prior_sd for error in shared})
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -398,7 +400,7 @@ def _of_fit(
     known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
     if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
         own = None
-    size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.name == TARGET_SCALE), 1.0)
+    size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.key == TARGET_SCALE), 1.0)
     sure = wrong_size is None or wrong_size > 1 - DOUBTFUL.probability
     looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in looked):
@@ -410,7 +412,7 @@ def _of_fit(
 
 def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
     """Return the probability that the target has another size, sizes of errors integrated over; None: not computed."""
-    scale = next((error for error in result.shared_at_sizes if error.name == TARGET_SCALE), None)
+    scale = next((error for error in result.shared_at_sizes if error.key == TARGET_SCALE), None)
     if found is None or scale is None:
         return None
     likely = scale.beyond(WRONG_SIZE)

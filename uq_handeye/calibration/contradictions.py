@@ -16,10 +16,11 @@ from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ..fit.likelihood.shared_estimates import SharedEstimate, group_test
 from ..model.camera.description import spacing_of
+from ..model.error_terms.key import ErrorKey
+from ..model.error_terms.keys import TARGET_SCALE
 from ..model.noise.estimate import NoiseEstimate
-from ..model.noise.joint_covariance import group_of
 from ..model.posterior.posterior import Posterior
-from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
+from ..model.shared_errors.shared_error import WRONG_SIZE
 from .job import Job
 from .result import Calibration
 
@@ -68,24 +69,24 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     """Findings of shared errors that contradict their prior, that show a wrong size, or that cannot be separated from
     X.
 
-    The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
+    The numbers of one error are tested together: of many single ones some are far out by chance.
     ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
     """
     found = []
-    by_name: dict[str, list[SharedEstimate]] = {}
+    by_key: dict[ErrorKey, list[SharedEstimate]] = {}
     for error in result.shared_at_sizes:
-        by_name.setdefault(group_of(error.name), []).append(error)
-    for name, errors in by_name.items():
+        by_key.setdefault(error.key.source, []).append(error)
+    for key, errors in by_key.items():
         declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
-        test = group_test(joint, job.shared, name) if declared else None
+        test = group_test(joint, job.shared, key) if declared else None
         # An arm of right accuracy is within a factor of 2 of the population that represents it.
         within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)
         if test is not None and (test.times > within[1] or test.times < within[0]):
             severity: Severity = "caution" if test.times > 1 else "note"
-            of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
+            of_group = {"name": str(key), "count": len(errors), "times": test.times, "p_value": test.p_value}
             if test.p_value < (CONTRADICTED.probability if severity == "caution" else DOUBTFUL.probability):
                 found.append(Finding("calibration.group_contradicted", severity, of_group))
-    single = [errors[0] for errors in by_name.values() if len(errors) == 1]
+    single = [errors[0] for errors in by_key.values() if len(errors) == 1]
     for error in single:
         alone, sd = error.alone, error.alone_sd
         told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.prior_sd**2
@@ -96,14 +97,14 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
         probability = error.beyond(WRONG_SIZE) if wrong_size is None else wrong_size
-        if error.name == TARGET_SCALE and probability > 0.5:
+        if error.key == TARGET_SCALE and probability > 0.5:
             size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job), "probability": probability}
             found.append(Finding("calibration.target_size", "caution", size))
-    groups: dict[str, list[SharedEstimate]] = {}
+    groups: dict[ErrorKey, list[SharedEstimate]] = {}
     for error in single:
         if error.share > DOMINANT_SHARE:
-            groups.setdefault(error.error, []).append(error)
-    return found + [finding for name, errors in groups.items() for finding in _confounded(result, name, errors)]
+            groups.setdefault(error.key.error, []).append(error)
+    return found + [finding for key, errors in groups.items() for finding in _confounded(result, str(key), errors)]
 
 
 def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]) -> list[Finding]:

@@ -18,6 +18,7 @@ from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
+from ..model.error_terms.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     KinematicColumns,
@@ -30,8 +31,8 @@ from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.in_noise import shared_columns, with_shared
-from ..model.shared_errors.shared_error import CLOCK_OFFSET, LENS, OUTLINE, VIEW, SharedError, checked_errors
-from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
+from ..model.shared_errors.shared_error import SharedError, checked_errors
+from ..model.shared_errors.sizes import checked_sizes
 from .arm import Arm, _arm_of, with_declared
 from .request import BUNDLE, Request, of_motions
 
@@ -194,7 +195,7 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
     assumed = {ROBOT_ACCURACY} if robot_known or _stands(motions.poses) else set()
     if not bound or motions.poses is None or motions.poses.truth is not None:
         assumed = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
-    errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.name in assumed)))
+    errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.key in assumed)))
     if motions.poses is not None:
         sizes = checked_sizes(request.sizes)
         if twice := [error.name for error in errors if error.name in sizes and not error.default]:
@@ -266,7 +267,7 @@ def take_offset(
 ) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
     """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
     poses = data.poses
-    offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
+    offset = next((error for error in shared if error.key == CLOCK_OFFSET), None)
     if offset is None or poses is None or poses.timing is None:
         return data, shared
     poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))

@@ -14,8 +14,8 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, require_integer, require_one_of, require_type
 from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.one_model.component import Component
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.error_terms.term import ErrorTerm
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.camera_noise import CameraNoise
@@ -120,7 +120,7 @@ class Request:
     kinematics: Kinematics | None = None
     kinematic_errors: KinematicErrors | None = None
     sizes: Mapping[str, SizeLike] | None = None
-    components: Sequence[Component] = ()
+    components: Sequence[ErrorTerm] = ()
 
     def __post_init__(self) -> None:
         if self.method is not None:
@@ -143,7 +143,7 @@ class Request:
         require_type("kinematics", self.kinematics, (Kinematics, NoneType), "Kinematics")
         require_type("kinematic_errors", self.kinematic_errors, (KinematicErrors, NoneType), "KinematicErrors or None")
         for part in self.components:
-            require_type("components", part, Component, "Component")
+            require_type("components", part, ErrorTerm, "Component")
         taken = {
             "shared": None if self.shared is None else listed_errors(self.shared),
             "sizes": checked_sizes(self.sizes),

@@ -190,7 +190,8 @@ def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
     from ..model.camera.intrinsics_file import KnownIntrinsics
     from ..model.camera.models import LINEAR, MODELS
-    from ..model.shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.shared_errors.shared_error import DEFAULT_SD
 
     if missing := [name for name in LINEAR if name not in camera.values]:
         raise InputError(f"--camera-matrix lacks {', '.join(missing)}. Give fx, fy, cx and cy.")

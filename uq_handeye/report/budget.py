@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from ..calibration.report.budget import OTHERS, WITHIN_95, freedom, shorten_budget, shown_budget
+from ..calibration.report.budget import WITHIN_95, freedom, shorten_budget, shown_budget
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import budget_of_model
 from ..calibration.statement.checks import shared_groups, sizes_of
@@ -26,15 +26,13 @@ from ..core.geometry.se3 import Array, left_jacobian
 from ..core.numbers.levels import INTERVAL
 from ..core.numbers.rounding import TINY
 from ..core.presentation.document import Cell, Table
-from ..fit.diagnostics.budget import EACH, Budget, Expanded
-from ..fit.diagnostics.budget import SHARED as SHARED_SOURCE
-from ..model.kinematics.kinematic_errors import JOINT_NOISE
-from ..model.noise.camera_noise import INTRINSICS
-from ..model.noise.estimate import SHOWN, Component, NoiseEstimate
-from ..model.noise.joint_covariance import JointCovariance, group_of
+from ..fit.diagnostics.budget import PRIORS, Budget, Expanded, Source
+from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.error_terms.key_text import text_of_source
+from ..model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
+from ..model.noise.estimate import SHOWN, SIDES, Component, NoiseEstimate
+from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import marginals
-from ..model.shared_errors.shared_error import CLOCK_OFFSET
-from ..model.shared_errors.sizes import ROBOT_ACCURACY
 
 # Coverage probability of every expanded uncertainty.
 LEVEL = INTERVAL.probability
@@ -42,8 +40,10 @@ LEVEL = INTERVAL.probability
 _FACTORS = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}
 
 
-KINDS = ("rotation", "translation")
-SIDES = ("robot", "camera", "A", "B")
+KINDS = (Kind.ROTATION, Kind.TRANSLATION)
+# Noise of one side that is drawn at each pose, and columns of a covariance that was given.
+_OF_SIDE = (*KINDS, Kind.COUPLING, Kind.BOTH, Kind.EACH_POSE, Kind.SHARED)
+_OF_BOTH = (Kind.BOTH, Kind.EACH_POSE)
 NORMAL = "normal"
 _ESTIMATED = "residuals (REML)"
 _ORIGIN = {
@@ -83,7 +83,7 @@ class Input:
 class BudgetRow:
     """One source: its input, and its contribution to X along the directions in which X is least certain."""
 
-    name: str
+    source: Source
     type: str  # "A", "B" or "A, B"
     input: Input
     translation: float  # m
@@ -91,6 +91,16 @@ class BudgetRow:
     dof: float
     share_translation: float
     share_rotation: float
+
+    @property
+    def name(self) -> str:
+        """The source in words."""
+        return text_of_source(map(str, self.source))
+
+    @property
+    def is_rest(self) -> bool:
+        """True if it is the smallest sources as one."""
+        return self.source[0].kind == Kind.OTHERS
 
 
 def budget_of(result: Calibration) -> Budget | None:
@@ -112,16 +122,16 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
     shares = [np.square(sizes) / max(float(np.square(sizes).sum()), TINY) for sizes in (move, turn)]
     return tuple(
         BudgetRow(
-            name,
+            source,
             budget.types[k],
-            Input("", "", "") if name == OTHERS else input_of(name, result),
+            Input("", "", "") if source[0].kind == Kind.OTHERS else input_of(source, result),
             float(move[k]),
             float(turn[k]),
             float(budget.dof[k]),
             float(shares[0][k]),
             float(shares[1][k]),
         )
-        for k, name in enumerate(budget.sources)
+        for k, source in enumerate(budget.keys)
     )
 
 
@@ -134,7 +144,8 @@ def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
     kind = "A" if of_residuals or result.noise_estimate is not None else "B"
     found = Input("covariance", NORMAL, result.facts.source)
     free = float("inf") if dof is None else float(dof)
-    return (BudgetRow("all errors of the poses", kind, found, accuracy.translation, accuracy.rotation, free, 1.0, 1.0),)
+    source = (ErrorKey(Owner.ALL, Kind.COVARIANCE),)
+    return (BudgetRow(source, kind, found, accuracy.translation, accuracy.rotation, free, 1.0, 1.0),)
 
 
 def components_of(result: Calibration) -> tuple[Stated, ...]:
@@ -206,74 +217,70 @@ def _by_reference(result: Calibration) -> tuple[float, float]:
     return (float("inf"), float(ndtri(0.5 + LEVEL / 2))) if dof is None else (dof, float(stdtrit(dof, 0.5 + LEVEL / 2)))
 
 
-def input_of(source: str, result: Calibration) -> Input:
-    """Return the input behind a source of the budget; sources that were merged have their names joined by `` + ``."""
-    names = source.split(" + ")
+def input_of(source: Source, result: Calibration) -> Input:
+    """Return the input behind a source of the budget."""
     estimate = result.noise_estimate
-    if estimate is not None and (found := _estimated(names, estimate)) is not None:
+    if estimate is not None and (found := _estimated(source, estimate)) is not None:
         return found
-    if all(name.partition(" ")[0] in SIDES for name in names):
-        kind = names[0].partition(" ")[2]
-        if kind.startswith((*KINDS, EACH, SHARED_SOURCE, "coupling", "(rotation")):
-            return _of_noise(names, result)
-    name = names[0]
-    if name == CLOCK_OFFSET and result.time_offset is not None:
+    key = source[0]
+    if key.kind in _OF_SIDE and all(one.owner in SIDES for one in source):
+        return _of_noise(source, result)
+    if key == CLOCK_OFFSET and result.time_offset is not None:
         return Input(f"{digits(1e3 * result.time_offset.std, 2)} ms", NORMAL, "the two streams")
     for group in shared_groups(result):
-        if name in (group.name, group_of(group.name), group.parts[0].error):
-            return _shared(group.parts[0].error, sizes_of(group), group.default)
-    if name == JOINT_NOISE and result.kinematics is not None:
+        if key in (group.key, group.key.error):
+            return _shared(group.key.error, sizes_of(group), group.default)
+    if key == JOINT_NOISE and result.kinematics is not None:
         return Input(_sizes([(result.kinematics.joint_noise, "rad")]), NORMAL, "declared")
-    if name.startswith("noise of the poses"):
+    if key.kind in (Kind.POSES, Kind.POSES_AND_TOUCHES):
         return Input("covariance", NORMAL, "declared" if estimate is None else _ESTIMATED)
-    if group_of(name) == INTRINSICS:
+    if key.error == INTRINSICS:
         return Input("covariance", NORMAL, "camera calibration")
-    if name.startswith("prior of "):
+    if key in PRIORS.values():
         return Input("covariance", NORMAL, "declared")
     return Input("covariance", NORMAL, "as given with the noise")
 
 
-def _shared(error: str, size: str, default: bool) -> Input:
+def _shared(error: ErrorKey, size: str, default: bool) -> Input:
     origin = "assumed" if default else "declared"
     if error == ROBOT_ACCURACY:
         return Input(f"{size} (RMS)", "normal, smooth over the pose", origin)
     return Input(size, NORMAL, origin)
 
 
-def _estimated(names: list[str], estimate: NoiseEstimate) -> Input | None:
-    """Return the input of noise components that belong to these sources; None where none does."""
-    parts = [part for part in estimate.components if any(_belongs(part, name) for name in names)]
-    if len(names) > 1:  # what cannot be separated is known as a sum
-        kind = names[0].partition(" ")[2]
-        parts = [part for part in estimate.components if part.name.startswith(f"{kind}, ")] or parts
+def _estimated(source: Source, estimate: NoiseEstimate) -> Input | None:
+    """Return the input of noise components that belong to these errors; None where none does."""
+    parts = [part for part in estimate.components if any(_belongs(part, key) for key in source)]
+    if len(source) > 1:  # what cannot be separated is known as a sum
+        sums = (Owner.ROBOT_AND_CAMERA, Owner.A_AND_B)
+        of_both = [part for part in estimate.components if part.key.owner in sums and part.key.kind == source[0].kind]
+        parts = of_both or parts
     if not parts:
         return None
     parts = parts[:2]
     return Input(_sizes((part.value, part.unit) for part in parts), NORMAL, _ORIGIN.get(parts[0].status, _ESTIMATED))
 
 
-def _belongs(part: Component, source: str) -> bool:
-    """Return whether a component is that of a source: of the same name, or one of its two kinds."""
-    side, _, kind = source.partition(" ")
-    of_both = kind.startswith((EACH, "(rotation")) and part.name in (f"{side} {KINDS[0]}", f"{side} {KINDS[1]}")
-    of_pixels = part.unit == "px" and (group_of(source) == INTRINSICS or side == "camera")
-    return part.name == source or part.name.startswith(f"{source}, ") or of_both or of_pixels
+def _belongs(part: Component, key: ErrorKey) -> bool:
+    """Return whether a component is that of an error of a source: the same, or one of its two kinds."""
+    of_both = key.kind in _OF_BOTH and part.key.owner == key.owner and part.key.kind in KINDS
+    of_pixels = part.unit == "px" and (key.error == INTRINSICS or (key.kind in _OF_SIDE and key.owner == Owner.CAMERA))
+    return part.key == key or of_both or of_pixels
 
 
-def _of_noise(names: list[str], result: Calibration) -> Input:
+def _of_noise(source: Source, result: Calibration) -> Input:
     """Return the noise of one side as given: standard deviations per axis, on average over axes and poses."""
     squares = np.zeros(2)
-    for name in dict.fromkeys(name.partition(" ")[0] for name in names):
-        S = getattr(result.noise, name, None)
+    for owner in dict.fromkeys(key.owner for key in source):
+        S = getattr(result.noise, owner, None)
         if S is not None:
             squares += np.square(noise_per_axis(S))
     sizes = [(float(size), unit) for size, unit in zip(np.sqrt(squares), ("rad", "m"), strict=True)]
-    kind = names[0].partition(" ")[2]
-    corners = getattr(result.data, "camera_calibration", None) is not None and names[0].startswith("camera")
-    data = result.data
-    of_file = getattr(data, "camera_read_as", None) is not None and names[0].startswith("camera")
-    points = getattr(data, "camera_covariance", None) is not None and names[0].startswith("camera") and not of_file
-    if kind.startswith(SHARED_SOURCE):
+    kind, of_camera, data = source[0].kind, source[0].owner == Owner.CAMERA, result.data
+    corners = getattr(data, "camera_calibration", None) is not None and of_camera
+    of_file = getattr(data, "camera_read_as", None) is not None and of_camera
+    points = getattr(data, "camera_covariance", None) is not None and of_camera and not of_file
+    if kind == Kind.SHARED:
         return Input("covariance", NORMAL, "camera calibration" if corners else "as given with the noise")
     shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
     sources = (corners, "corners of the target"), (points, "points of the target"), (of_file, "file of the poses")
@@ -311,7 +318,7 @@ def gum_table(result: Calibration, most: int | None = None) -> Table:
 
     Beyond ``most`` the smallest sources are one row.
     """
-    found = sorted(budget_rows(result, most), key=lambda row: row.name == OTHERS)
+    found = sorted(budget_rows(result, most), key=lambda row: row.is_rest)
     rows: list[list[Cell]] = [_source(row) for row in found]
     move, turn, _ = worst_of(result)
     rows.append([])

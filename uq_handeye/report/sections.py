@@ -27,8 +27,8 @@ from ..core.formatting.numbers import concise, fixed
 from ..core.geometry.conventions import CONVENTION
 from ..core.numbers.limits import MAX_LISTED, MAX_NAMED, MAX_PRINTED_ROWS, MIN_SHOWN_CORRELATION
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
-from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
+from ..model.error_terms.key import ErrorKey, Kind, Owner
 from ..trials.validation.cross_check.text import state, verdict
 from .budget import gum_table
 from .comparison.text import methods_table
@@ -323,12 +323,15 @@ def camera_sections(result: Calibration) -> list[Section]:
 
 def shares_words(result: Calibration) -> str:
     """State the shares of the variance of X from the intrinsics and from the corners; empty where they are unknown."""
-    if not result.has_budget or f"camera {SHARED}" not in result.budget.sources:
+    if not result.has_budget or (ErrorKey(Owner.CAMERA, Kind.SHARED),) not in result.budget.keys:
         return ""
     budget = result.budget
     shared, each = (
-        [fixed(100 * budget.group_shares[f"X {kind}"][budget.sources.index(f"camera {name}")], 2) for kind in KINDS]
-        for name in (SHARED, EACH)
+        [
+            fixed(100 * budget.group_shares[f"X {kind}"][budget.keys.index((ErrorKey(Owner.CAMERA, of),))], 2)
+            for kind in KINDS
+        ]
+        for of in (Kind.SHARED, Kind.EACH_POSE)
     )
     return (
         f"The errors of the intrinsics, which all camera poses share, make {shared[0]} % of the variance of X's "

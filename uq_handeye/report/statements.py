@@ -20,11 +20,10 @@ from ..calibration.statement.checks import shared_groups, sizes_of
 from ..calibration.statement.tolerance import percent
 from ..core.files.about import ABOUT
 from ..core.formatting.numbers import digits
+from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.error_terms.keys import ROBOT_ACCURACY, ROBOT_SCALE, TARGET_SCALE
 from ..model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, ESTIMATE, EXACT
-from ..model.noise.joint_covariance import group_of
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.shared_error import ROBOT_SCALE, TARGET_SCALE
-from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .budget import LEVEL, budget_of, noise_per_axis
 
 ERROR_MODEL = (
@@ -140,7 +139,7 @@ _OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residu
 
 def lengths_of(result: Calibration) -> str:
     """Return the source of lengths, and whether it is traceable."""
-    sizes = {group.parts[0].error: group for group in shared_groups(result)}
+    sizes = {group.key.error: group for group in shared_groups(result)}
     parts = ["robot poses", "the size of the target"]
     known = []
     for name in (TARGET_SCALE, ROBOT_SCALE):
@@ -233,22 +232,26 @@ def _repeatability(result: Calibration) -> str:
     )
     if missing:
         text += f" Its {missing[0]} is not identifiable."
-    if move := sizes["translation"]:
+    if move := sizes[Kind.TRANSLATION]:
         text += (
             f" Isotropic noise of this size would have RP_l = {RP_PER_SD:.1f} sigma = {digits(RP_PER_SD * move, 2)} mm."
         )
     return text
 
 
-def _robot_noise(result: Calibration) -> dict[str, float | None]:
+def _robot_noise(result: Calibration) -> dict[Kind, float | None]:
     """Return rotation (deg) and translation (mm) noise of the robot poses, where it is known by itself."""
-    factors = {"rotation": 180 / np.pi, "translation": 1e3}
+    factors = {Kind.ROTATION: 180 / np.pi, Kind.TRANSLATION: 1e3}
     estimate = result.noise_estimate
-    found: dict[str, float | None] = dict.fromkeys(factors)
+    found: dict[Kind, float | None] = dict.fromkeys(factors)
     if estimate is not None:
         for part in estimate.components:
-            side, _, kind = part.name.partition(" ")
-            if side == "robot" and kind in found and part.status not in ("not told apart", "exact", "zero"):
+            kind = part.key.kind
+            if (
+                part.key == ErrorKey(Owner.ROBOT, kind)
+                and kind in found
+                and part.status not in ("not told apart", "exact", "zero")
+            ):
                 found[kind] = factors[kind] * part.value
         return found
     S = getattr(result.noise, "robot", None)
@@ -260,7 +263,7 @@ def _robot_noise(result: Calibration) -> dict[str, float | None]:
 
 def _accuracy(result: Calibration) -> str:
     """Return how what is declared or assumed of the robot relates to pose accuracy."""
-    groups = [group for group in shared_groups(result) if group.parts[0].error == ROBOT_ACCURACY]
+    groups = [group for group in shared_groups(result) if group.key.error == ROBOT_ACCURACY]
     if groups:
         how = "assumed, not declared" if groups[0].default else "declared"
         return (
@@ -268,7 +271,7 @@ def _accuracy(result: Calibration) -> str:
             "It is read as the RMS over the workspace of the difference between reported and actual pose, base and "
             "tool frame aligned; AP of a data sheet is per commanded pose."
         )
-    names = {group_of(error.name) for error in result.shared} & set(DECLARED_AS)
+    names = {error.key.kind for error in result.shared} & set(DECLARED_AS)
     if names:
         return (
             "Pose accuracy (AP): the errors of the arm in the budget, "

@@ -20,7 +20,7 @@ from .checks.optimality import Optimality, better_start, prove
 from .checks.paths import judged_paths, named_error
 from .description import Rig
 from .fit import RigFit, Task, fit, onto_closed, rig_units
-from .noise import NoiseByName, RigNoise, given_noise, plain_noise
+from .noise import NoiseByName, RigNoise, given_key, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
@@ -178,13 +178,15 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     names = tuple((arms[a], rig.arms[arms[a]].names[k]) for a, k in zip(graph.arm, graph.pose, strict=True))
     own = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(arms)]
     own += [("camera", name, noise.camera[k == graph.X]) for k, name in enumerate(cameras)]
-    fresh = tuple(FreshNoise(name, side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S))
+    fresh = tuple(
+        FreshNoise(given_key(side, name), side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S)
+    )
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
         task.method, found.edge_weights, far.edges, found.pose_weights, names,
         {name: _sizes(S) for _, name, S in own}, components=components,
         size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality, findings=findings,
-        posterior=Posterior(noise.names, -found.z, found.whole, graph.names, noise=fresh),
+        posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
 
 

@@ -16,9 +16,11 @@ from ..core.geometry.checks import checked_covariance
 from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError, require_type
-from ..fit.one_model.component import Component
+from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.error_terms.keys import JOINT_NOISE
+from ..model.error_terms.term import ErrorTerm
 from ..model.kinematics.errors import LENGTHS
-from ..model.kinematics.kinematic_errors import JOINT_NOISE, KinematicErrors
+from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.models import PoseNoise
 from ..model.shared_errors.sizes import SIZES, Size
 from .description import Rig
@@ -43,7 +45,7 @@ class RigNoise(ReadOnlyArrays):
     camera: Array  # (E, 6, 6)
     K_robot: Array  # (P, 6, m)
     K_camera: Array  # (E, 6, m)
-    names: tuple[str, ...] = ()  # of the m
+    keys: tuple[ErrorKey, ...] = ()  # of the m
 
     @classmethod
     def of_own(cls, robot: Array, camera: Array) -> RigNoise:
@@ -76,21 +78,23 @@ def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
             camera[np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.camera == name])] = S
     given, some = given_covariances(rig, graph)
     camera[some] = given[some]
-    of_cameras, names = [np.zeros((graph.E, 6, 0))], []
+    of_cameras = [np.zeros((graph.E, 6, 0))]
+    keys: list[ErrorKey] = []
     for name in rig.cameras:
         if (columns := intrinsics_of(rig, graph, name)) is not None:
             of_cameras.append(columns)
-            names += [f"{name} intrinsics: {k + 1}" for k in range(columns.shape[-1])]
+            of = ErrorKey(Owner.CAMERA, Kind.INTRINSICS, name=name)
+            keys += [of.number(k + 1) for k in range(columns.shape[-1])]
     K_camera = np.concatenate(of_cameras, axis=-1)
     K_robot = [np.zeros((graph.P, 6, K_camera.shape[-1]))]
     for name, arm in rig.arms.items():
         for part in [] if arm.kinematics is None else kinematic_components(rig, graph, name):
             if part.columns is not None:
                 K_robot.append(part.size.median * part.columns)
-                names += part.parts
+                keys += part.keys
     K = np.concatenate(K_robot, axis=-1)
     K_camera = np.pad(K_camera, [(0, 0), (0, 0), (0, K.shape[-1] - K_camera.shape[-1])])
-    return RigNoise(robot, camera, K, K_camera, tuple(names))
+    return RigNoise(robot, camera, K, K_camera, tuple(keys))
 
 
 def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]:
@@ -124,7 +128,7 @@ def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
     return found
 
 
-def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[Component]:
+def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[ErrorTerm]:
     """Errors of the chain of an arm by group, as of one camera (`JointModel`), and the noise of its joints."""
     arm, of = rig.arms[name], graph.arm == list(rig.arms).index(name)
     assert arm.kinematics is not None and arm.joints is not None
@@ -132,17 +136,22 @@ def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[Component]:
     columns = errors.columns(arm.kinematics, arm.joints[graph.pose[of]])
     found = []
     for group, sd in errors.standard_deviations.items():
-        numbers = [k for k, own in enumerate(columns.groups) if own == group]
+        numbers = np.flatnonzero(columns.of(group)).tolist()
         if not numbers or not sd:
             continue
         F = np.zeros((graph.P, 6, len(numbers)))
         F[of] = columns.F[..., numbers]
         size = Size(sd, errors.population.factor, "m" if group == LENGTHS else "rad")
-        parts = tuple(f"{name} {columns.names[k]}" for k in numbers)
-        found.append(Component(f"{name} {group}", "robot", size, columns=F, parts=parts))
+        keys = tuple(columns.keys[k].of(name) for k in numbers)
+        found.append(ErrorTerm(ErrorKey(Owner.ROBOT, group, name=name), "robot", size, columns=F, keys=keys))
     J = np.zeros((graph.P, 6, columns.J.shape[-1]))
     J[of] = columns.J
-    return [*found, Component(f"{name} {JOINT_NOISE}", "robot", SIZES[JOINT_NOISE], block=J)]
+    return [*found, ErrorTerm(JOINT_NOISE.of(name), "robot", SIZES[JOINT_NOISE], block=J)]
+
+
+def given_key(side: str, name: str) -> ErrorKey:
+    """Return the key of the whole noise of an arm or a camera, by its side."""
+    return ErrorKey(Owner(side), Kind.GIVEN, name=name)
 
 
 def by_name(rig: Rig, noise: NoiseByName) -> Mapping[str, NoiseOfOne]:

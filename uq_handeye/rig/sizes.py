@@ -24,13 +24,15 @@ from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, perturb
 from ..errors import NotConvergedError
-from ..fit.one_model.component import Component
 from ..fit.one_model.engine import LatentModel, Rows
 from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
+from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_POINT, TARGET_SCALE
+from ..model.error_terms.term import ErrorTerm
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_accuracy, assumed_outline, assumed_view
-from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, SharedError
+from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import (
     HALF_WIDTH,
@@ -53,19 +55,21 @@ SPREAD_IN_RIG = 3.0
 WIDTHS = tuple(0.5**k for k in range(6))
 # Another width than the usual one is taken where the logarithm of its evidence is larger by this.
 MIN_WIDTH_EVIDENCE = 3.0
-# The line of the width has this name; it states half of the width over the distance.
-WIDTH = "half width of targets"
+# The line of the width has this key; it states half of the width over the distance.
+WIDTH = ErrorKey(Owner.TARGETS, Kind.WIDTH)
 # The sizes are found from at most this many views, in whole groups.
 MAX_VIEWS_FOR_SIZES = 600
 # The linearisation has converged where a step moves the poses by less, in standard deviations.
 MAX_CONVERGED_STEP_SD = 0.02
 NOT_CONVERGED = "Noise estimation of the rig did not converge. Give the noise, or look for outliers."
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
-ALL_TARGETS = "all targets"
-# Names of the errors that all poses of an arm, a camera or a target share.
-SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, OUTLINE, "view")
-OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
-_PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
+ALL_TARGETS = Owner.TARGETS
+# Kinds of the errors that all poses of an arm, a camera or a target share.
+SHARED = (
+    Kind.ACCURACY, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT, Kind.SCALE, Kind.LENS, Kind.OUTLINE, Kind.VIEW
+)  # fmt: skip
+OF_EACH_CAMERA = (Kind.ROTATION, Kind.TRANSLATION, Kind.BY_VIEW, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT)
+_PARTS = ((Kind.ROTATION, np.eye(6)[:, :3]), (Kind.TRANSLATION, np.eye(6)[:, 3:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +85,7 @@ class Found:
 
 def components_of(
     rig: Rig, graph: Graph, shared: Shared, bound: tuple[Rig, Graph] | None = None, width: float = 1.0
-) -> tuple[Component, ...]:
+) -> tuple[ErrorTerm, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
     ``shared``: with the errors that all poses of an owner share (`SHARED`), or some of them; else only noise of each
@@ -96,13 +100,16 @@ def components_of(
     _, given = given_covariances(rig, graph)
     by_view, found = _by_view(before if both[1][0] is rig else graph, width), []  # those measured, if corrected
     for name, (of, _) in arms.items():
-        found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=_of(of, B)) for what, B in _PARTS]
+        for what, B in _PARTS:
+            key = ErrorKey(Owner.ROBOT, what)
+            found.append(ErrorTerm(key.of(name), "robot", SIZES[key], block=_of(of, B)))
     for name, (of, _) in cameras.items():
-        blocks = (*_PARTS, ("by view", by_view)) if (own := of & ~given).any() else ()
+        blocks = (*_PARTS, (Kind.BY_VIEW, by_view)) if (own := of & ~given).any() else ()
         for what, B in blocks:
-            found.append(Component(f"{name} {what}", "camera", SIZES[f"camera {what}"], block=_of(own, B)))
+            key = ErrorKey(Owner.CAMERA, what)
+            found.append(ErrorTerm(key.of(name), "camera", SIZES[key], block=_of(own, B)))
     calibrated = {name: K for name in cameras if (K := intrinsics_of(rig, graph, name)) is not None}
-    found += [Component(f"{name} intrinsics", "camera", Size(1.0), columns=K) for name, K in calibrated.items()]
+    found += [ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=K) for name, K in calibrated.items()]
     chains = [part for name in arms if rig.arms[name].kinematics is not None
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
     if not shared:
@@ -111,22 +118,22 @@ def components_of(
     finished = {name: of for name, of in cameras.items() if name not in calibrated}
     alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, before, width)
     for name, (of, _) in finished.items():
-        for what, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
-            size = SIZES[what] if alone else replace(SIZES[what], factor=SPREAD_IN_RIG)
-            found.append(Component(f"{name} {what}", "camera", size, columns=_of(of, by_intrinsics[..., columns])))
+        for error, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
+            size = SIZES[error] if alone else replace(SIZES[error], factor=SPREAD_IN_RIG)
+            found.append(ErrorTerm(error.of(name), "camera", size, columns=_of(of, by_intrinsics[..., columns])))
     scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
-    scales = {name: _of(seen, scale) for name, (seen, _) in targets.items()}
+    scales = {TARGET_SCALE.of(name): _of(seen, scale) for name, (seen, _) in targets.items()}
     if len(both[1][0].targets) > 1:
-        scales[ALL_TARGETS] = scale
-    found += [Component(f"{name} scale", "camera", SIZES[TARGET_SCALE], columns=K) for name, K in scales.items()]
+        scales[ErrorKey(ALL_TARGETS, Kind.SCALE)] = scale
+    found += [ErrorTerm(key, "camera", SIZES[TARGET_SCALE], columns=K) for key, K in scales.items()]
     found += [_shared(graph, before, name, seen, assumed_accuracy()) for name, seen in arms.items()
               if rig.arms[name].kinematics is None]  # fmt: skip
     for name, both_of in finished.items() if alone else ():
         lens = _of(both_of[0], by_intrinsics[..., 3:] * LENS_SHARES)
-        found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
+        found.append(ErrorTerm(LENS.of(name), "camera", SIZES[LENS], columns=lens))
         found += [_shared(graph, before, name, both_of, error) for error in (assumed_outline(), assumed_view())]
-    asked = SHARED if shared is True else tuple(f" {what}" for what in shared)
-    return (*noise, *(part for part in found if part.name.endswith(asked)), *chains)
+    asked = SHARED if shared is True else shared
+    return (*noise, *(part for part in found if part.key.kind in asked), *chains)
 
 
 Owned = list[NDArray[np.bool_]]  # rows of an owner in the graph, and in the one that is bound
@@ -147,9 +154,8 @@ def _of(of: NDArray[np.bool_], B: Array) -> Array:
     return np.asarray(of[:, None, None] * B)
 
 
-def _shared(graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError) -> Component:
+def _shared(graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError) -> ErrorTerm:
     """Component of an error that all poses of an owner share."""
-    name = error.name.removeprefix("robot ")
     error = error.bound(_alone(bound, of[1], error.side))
     unit, poses = float(error.sd[0]), _alone(graph, of[0], error.side)
     columns, block = np.zeros((len(of[0]), 6, len(error.sd))), None
@@ -158,8 +164,8 @@ def _shared(graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedErro
         values, vectors = np.linalg.eigh(error.left)
         block = np.zeros((len(of[0]), 6, 6))
         block[of[0]] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    size = Size(unit, error.factor, SIZES[error.name].unit)
-    return Component(f"{owner} {name}", error.side, size, columns, block)
+    size = Size(unit, error.factor, SIZES[error.key].unit)
+    return ErrorTerm(error.key.of(owner), error.side, size, columns, block)
 
 
 def _alone(graph: Graph, of: NDArray[np.bool_], side: str) -> PosePairs:
@@ -262,7 +268,7 @@ def find_sizes(
 
 
 def found_of(
-    rig: Rig, graph: Graph, parts: tuple[Component, ...], mixture: Mixture, spread: Array, width: float = 1.0
+    rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], mixture: Mixture, spread: Array, width: float = 1.0
 ) -> Found:
     """Return the noise of the components of a graph with the estimated sizes, and their lines.
 
@@ -273,12 +279,17 @@ def found_of(
     sizes[free], logs[free] = np.exp(mixture.mean_theta), (mixture.theta - mixture.mean_theta).T
     sd = np.sqrt(logs**2 @ mixture.weights)
     lines = tuple(
-        {"name": part.name, "size": float(s), "low": float(s * np.exp(-1.96 * d)), "high": float(s * np.exp(1.96 * d)),
+        {"name": part.name, "key": part.key.to_dict(), "size": float(s),
+         "low": float(s * np.exp(-1.96 * d)), "high": float(s * np.exp(1.96 * d)),
          "unit": part.size.unit, "logs": at.tolist()}
         for part, s, d, at in zip(parts, sizes.tolist(), sd.tolist(), logs, strict=True)
     )  # fmt: skip
     half = width * HALF_WIDTH
-    of_targets = () if width == 1 else ({"name": WIDTH, "size": half, "low": half, "high": half, "unit": ""},)
+    of_targets = (
+        ()
+        if width == 1
+        else ({"name": str(WIDTH), "key": WIDTH.to_dict(), "size": half, "low": half, "high": half, "unit": ""},)
+    )
     return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets), mixture.weights)
 
 
@@ -303,11 +314,11 @@ def _places(graph: Graph, used: Graph) -> tuple[NDArray[np.intp], NDArray[np.int
     return np.array(edges, dtype=np.intp), np.array(poses, dtype=np.intp)
 
 
-def _rows_of(part: Component, edges: NDArray[np.intp], poses: NDArray[np.intp]) -> Component:
+def _rows_of(part: ErrorTerm, edges: NDArray[np.intp], poses: NDArray[np.intp]) -> ErrorTerm:
     return part.rows(poses if part.side == "robot" else edges)
 
 
-def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, prior: Prior | None) -> LatentModel:
+def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, prior: Prior | None) -> LatentModel:
     """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order."""
     sides = graph.linearise(at)
     given, some = given_covariances(rig, graph)
@@ -337,29 +348,28 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, pr
     first, *others = groups
     return LatentModel(
         first.J, first.r, parts, first.shared, first.blocks, first.known, known_poses, tuple(others),
-        _covariance_of_sizes(rig, parts),
+        _covariance_of_sizes(parts),
     )  # fmt: skip
 
 
-def _covariance_of_sizes(rig: Rig, parts: tuple[Component, ...]) -> Array:
+def _covariance_of_sizes(parts: tuple[ErrorTerm, ...]) -> Array:
     """Prior covariance of the logarithms of the free sizes: those of one kind of noise of all cameras have a median in
     common.
     """
     free = [part for part in parts if not part.size.is_known]
     C = np.diag([np.log(part.size.factor) ** 2 for part in free])
     for what in OF_EACH_CAMERA:
-        names = {f"{name} {what}" for name in rig.cameras}
-        of = np.flatnonzero([part.name in names for part in free])
+        of = np.flatnonzero([part.key.kind == what and part.side == "camera" for part in free])
         for i in of:
             for j in of[of != i]:
                 C[i, j] = np.log(free[i].size.factor) ** 2 - np.log(CAMERA_SPREAD_FACTOR) ** 2
     return C
 
 
-def _noise(rig: Rig, graph: Graph, parts: tuple[Component, ...], sizes: Array) -> RigNoise:
+def _noise(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], sizes: Array) -> RigNoise:
     own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
     K: dict[str, list[Array]] = {"robot": [], "camera": []}
-    names: list[str] = []
+    keys: list[ErrorKey] = []
     own["camera"] += given_covariances(rig, graph)[0]
     for part, s in zip(parts, sizes.tolist(), strict=True):
         if part.block is not None:
@@ -367,9 +377,9 @@ def _noise(rig: Rig, graph: Graph, parts: tuple[Component, ...], sizes: Array) -
         if part.columns is not None:
             for side, n in (("robot", graph.P), ("camera", graph.E)):
                 K[side].append(s * part.columns if side == part.side else np.zeros((n, 6, part.count)))
-            names += part.parts
+            keys += part.keys
     robot, camera = (
         np.concatenate([np.zeros((n, 6, 0)), *K[side]], axis=-1)
         for side, n in (("robot", graph.P), ("camera", graph.E))
     )
-    return RigNoise(own["robot"], own["camera"], robot, camera, tuple(names))
+    return RigNoise(own["robot"], own["camera"], robot, camera, tuple(keys))

@@ -27,18 +27,19 @@ from ...fit.empirical_covariance.resampled import KINDS, resampled
 from ...fit.likelihood.gauss_helmert import Fit
 from ...fit.likelihood.shared_estimates import of_moves
 from ...fit.one_model.points import OpenSizes
+from ...model.error_terms.key import ErrorKey, Kind
+from ...model.error_terms.keys import DRIFTS
 from ...model.kinematics.arms.newton import postures_at
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.joint import require_within_limits
-from ...model.kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
+from ...model.kinematics.kinematic_errors import poses_with_errors
 from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
-from ...model.shared_errors.assumed import DRIFT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +74,7 @@ class FittedKinematics(Record):
     chain: Kinematics
     e: Annotated[Array, "m"]  # (m,) of all errors of the chain
     covariance: Annotated[Array, "m", "m"]  # (m, m)
-    sd: dict[str, float]  # deviations of the groups and of the joint noise, by name
+    sd: dict[str, float]  # deviations of the groups and of the joint noise, by kind
     how: str  # "estimate", "declared" or "exact"
     flange: str  # "workspace", "controller" or "physical"
     joints: Annotated[Array, "n", "joints"]  # (n, L) at which it was calibrated
@@ -82,7 +83,7 @@ class FittedKinematics(Record):
     @property
     def joint_noise(self) -> float:
         """Standard deviation of the noise of each joint, rad."""
-        return self.sd.get(JOINT_NOISE, 0.0)
+        return self.sd.get(Kind.JOINT_NOISE, 0.0)
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -185,11 +186,11 @@ class FittedKinematics(Record):
         beside_controller: tuple[float, float],
         posterior: Posterior,
     ) -> FittedKinematics:
-        """Build the kinematics from the joint posterior, by the names of the errors."""
+        """Build the kinematics from the joint posterior, by the keys of the errors."""
         m = len(chain.errors)
         e, covariance = np.zeros(m), np.zeros((m, m))
-        place = {error.name: k for k, error in enumerate(chain.errors)}
-        pairs = [(place[name], k) for k, name in enumerate(posterior.names) if name in place]
+        place = {error.key: k for k, error in enumerate(chain.errors)}
+        pairs = [(place[key], k) for k, key in enumerate(posterior.keys) if key in place]
         if pairs:
             here, there = np.array(pairs).T
             e[here] = posterior.estimate[there]
@@ -224,20 +225,20 @@ class Analysis(Record):
     estimate: NoiseEstimate | None = field(default=None, repr=False)  # where the noise comes from the data
     dof: float | None = None  # degrees of freedom of the covariance then
     seed: int = 0
-    # Moves of X and W, (p,) or (p, r), by one standard deviation of each error in addition to the noise, by name.
-    beside: dict[str, Array] = field(default_factory=dict, repr=False)
-    # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
-    within: dict[str, Array] = field(default_factory=dict, repr=False)
-    # The posterior over open sizes, and the deviations of its errors before the data, by name: for the budget.
+    # Moves of X and W, (p,) or (p, r), by one standard deviation of each error in addition to the noise.
+    beside: dict[ErrorKey, Array] = field(default_factory=dict, repr=False)
+    # Covariances (n, 6, 6) within what each robot pose has by itself: of joint noise.
+    within: dict[ErrorKey, Array] = field(default_factory=dict, repr=False)
+    # The posterior over open sizes, and the deviations of its errors before the data: for the budget.
     joint: OpenSizes | None = field(default=None, repr=False)
-    prior_sd: dict[str, float] = field(default_factory=dict, repr=False)
+    prior_sd: dict[ErrorKey, float] = field(default_factory=dict, repr=False)
     numbers: tuple[int, ...] | None = None  # of the rows in the data set, where some of it is excluded
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
-        shared = (group_of(name) for S in joint_sides(self.noise).values() for name in S.names)
-        known = any(DRIFT in name for name in shared)
+        shared = (key.error for S in joint_sides(self.noise).values() for key in S.keys if key is not None)
+        known = not set(DRIFTS.values()).isdisjoint(shared)
         found = diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
         if self.estimate is not None and (poses := self.data.poses) is not None and poses.truth is None:
             found = replace(found, autocorrelation=replace(found.autocorrelation, untimed=poses.timestamps is None))
@@ -294,8 +295,8 @@ class Analysis(Record):
             found = replace(found, relative=None)
         if self.estimate is None:
             return found
-        sums = [part.name for part in self.estimate.components if part.status == "not told apart"]
-        kinds = ([name for name in sums if name.endswith(kind)] for kind in ("rotation", "translation"))
+        sums = [part.key for part in self.estimate.components if part.status == "not told apart"]
+        kinds = ([key for key in sums if key.kind == kind] for kind in (Kind.ROTATION, Kind.TRANSLATION))
         return found.merged(*(group for group in kinds if len(group) > 1))
 
 

@@ -29,6 +29,7 @@ from ...fit.one_model.points import OpenSizes
 from ...methods.procrustes.paper_covariances import PAPER_SCALE
 from ...methods.procrustes.scaled import octonion
 from ...methods.procrustes.scaled_sensitivity import pose_from_octonion_jacobian
+from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.noise.estimate import FoundComponent
 from ...model.noise.models import Noise
 from ...model.poses.estimated_pose import EstimatedPose
@@ -94,8 +95,8 @@ class Estimated(Named, Record):
         if not isinstance(self.joint_posterior, OpenSizes):
             return self.shared_at_sizes
         of = self.joint_posterior.posterior
-        sd = dict(zip(of.names, np.sqrt(np.maximum(np.diag(of.covariance)[of.p :], 0.0)).tolist(), strict=True))
-        return tuple(replace(error, sd=sd.get(error.name, error.sd)) for error in self.shared_at_sizes)
+        sd = dict(zip(of.keys, np.sqrt(np.maximum(np.diag(of.covariance)[of.p :], 0.0)).tolist(), strict=True))
+        return tuple(replace(error, sd=sd.get(error.key, error.sd)) for error in self.shared_at_sizes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -137,9 +138,10 @@ class Estimated(Named, Record):
         if not (self._taken_in and self.has_budget):
             return self._analysed().budget
         assert self.posterior is not None
-        noise = f"noise of the poses{' and touches' if 'evidence.touches_used' in self._taken_in else ''}"
+        touched = "evidence.touches_used" in self._taken_in
+        noise = ErrorKey(Owner.ALL, Kind.POSES_AND_TOUCHES if touched else Kind.POSES)
         dof = math.inf if self.reference.dof is None else self.reference.dof
-        sd = {error.name: error.prior_sd for error in self.shared}
+        sd = {error.key: error.prior_sd for error in self.shared}
         return budget_of_posterior(self.posterior, sd, self.X, noise, dof)
 
     @property

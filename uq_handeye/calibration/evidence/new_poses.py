@@ -23,14 +23,14 @@ from ...core.geometry.se3 import Array, difference, perturb
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
-from ...model.noise.joint_covariance import JointCovariance, group_of, joint_of
+from ...model.error_terms.key import Kind, Owner
+from ...model.error_terms.keys import DRIFTS, GIVEN, ROBOT_ACCURACY
+from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import THINGS, checked_things, require_same
 from ...model.posterior.posterior import FreshNoise
 from ...model.posterior.rows import NewRows, at_points
-from ...model.shared_errors.assumed import DRIFT, drift_columns
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ...model.shared_errors.assumed import drift_columns
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
@@ -45,6 +45,7 @@ from ..prediction.predict import (
     robot_ahead,
     shared_effects,
 )
+from .same_things import THINGS, checked_things, require_same
 
 # Noise of new poses of one side: a covariance of each, or noises of sizes that the calibration found.
 NoiseAhead: TypeAlias = Array | JointCovariance | tuple[FreshNoise, ...] | None
@@ -119,21 +120,21 @@ def evidence_of_poses(
     if len(kept) < len(THINGS):
         other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
         r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
-        sd = {error.name: error.prior_sd for error in result.shared}
-        anew = by_state[..., other] * np.array([sd.get(posterior.names[k - 12], 1.0) for k in other])
+        sd = {error.key: error.prior_sd for error in result.shared}
+        anew = by_state[..., other] * np.array([sd.get(posterior.keys[k - 12], 1.0) for k in other])
         by_state[..., other] = 0.0
     by_unit = by_state @ posterior.A
     robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.fresh)
     camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
     carried = [(one, D_G @ one.covariance @ D_G.mT) for one in robot_noise]
     carried += [(one, D_C @ one.covariance @ D_C.mT) for one in camera_noise]
-    arm = next((one for one in posterior.noise if one.name == ROBOT_ACCURACY), None)
+    arm = next((one for one in posterior.noise if one.key == ROBOT_ACCURACY), None)
     unseen = D_G @ ahead.unseen @ D_G.mT
     if arm is not None:
-        carried.append((FreshNoise(arm.name, "robot", NONE, arm.size, arm.by_point), unseen / arm.size**2))
+        carried.append((FreshNoise(arm.key, "robot", NONE, arm.size, arm.by_point), unseen / arm.size**2))
         unseen = 0.0 * unseen
     own = sum((one.size**2 * S for one, S in carried), unseen)
-    parts = tuple((one.name, S) for one, S in carried if len(one.by_point) and one.name != "given")
+    parts = tuple((one.key, S) for one, S in carried if len(one.by_point) and one.key.kind != Kind.GIVEN)
     own_at = at_points(posterior, own, parts)
     by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, drift], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
@@ -158,11 +159,11 @@ def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
     if poses.n == 1 or _same_session(result, poses):
         return found[0]
     times = np.arange(float(poses.n)) if poses.timestamps is None else poses.timestamps
-    for of, R in (("camera", np.eye(3)), ("target", poses.camera[:, :3, :3])):
-        if (sd := next((one.prior_sd for one in result.shared if one.error == f"{DRIFT} {of}"), 0.0)) > 0:
+    for of, R in ((Owner.CAMERA, np.eye(3)), (Owner.TARGET, poses.camera[:, :3, :3])):
+        if (sd := next((one.prior_sd for one in result.shared if one.key.error == DRIFTS[of]), 0.0)) > 0:
             constant = np.zeros((poses.n, 6, 6))
             constant[:, :3, :3] = constant[:, 3:, 3:] = np.sqrt(poses.n / 3.0) * R
-            found += [sd * constant, sd * drift_columns(poses.camera, times, of == "target")]
+            found += [sd * constant, sd * drift_columns(poses.camera, times, of == Owner.TARGET)]
     return np.concatenate(found, axis=-1)
 
 
@@ -192,9 +193,9 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     posterior, there = posterior_of(result), camera_at(result, robot)
     F = shared_effects(result, "camera", robot, there)
     if _same_session(result, poses) and poses.timestamps is not None:
-        for of in ("camera", "target"):
-            if walked := [k for k, name in enumerate(posterior.names) if group_of(name) == f"{DRIFT} {of}"]:
-                F[..., walked] = drift_columns(there, poses.timestamps, of == "target", posterior.times)
+        for of, drift in DRIFTS.items():
+            if walked := [k for k, key in enumerate(posterior.keys) if key.error == drift]:
+                F[..., walked] = drift_columns(there, poses.timestamps, of == Owner.TARGET, posterior.times)
     if not poses.camera_known:
         return F, fresh_of_camera(result, there)
     S = noise_of_pictures(result, poses)
@@ -224,12 +225,12 @@ def _noise_of(
         return S or (), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
     if (joint := joint_of(S)) is not None:
-        return (FreshNoise("given", side, np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
+        return (FreshNoise(GIVEN[Owner(side)], side, np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
         )
-    return (FreshNoise("given", side, np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
+    return (FreshNoise(GIVEN[Owner(side)], side, np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
 
 
 class Residual(NamedTuple):

@@ -30,12 +30,10 @@ from ...core.geometry.checks import as_numbers, as_transforms, checked_covarianc
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
-from ...model.noise.camera_noise import INTRINSICS
-from ...model.noise.joint_covariance import group_of
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import GIVEN, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
 from ...model.posterior.posterior import FreshNoise
 from ...model.posterior.rows import Joint, NewRows, at_points, factor_of
-from ...model.shared_errors.shared_error import TARGET_SCALE
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
@@ -192,7 +190,7 @@ class TouchEvidence(NewRows):
         by_unit = np.array(self.by_unit)
         if self.fresh:
             by_unit[..., -self.fresh :] /= np.sqrt(times)
-        parts = tuple((name, S / times) for name, S in self.parts)
+        parts = tuple((key, S / times) for key, S in self.parts)
         return replace(self, own=self.own / times, own_at=self.own_at / times, by_unit=by_unit, parts=parts)
 
 
@@ -252,27 +250,27 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     given = touches.touch_noise
     if touches.seen_covariance is not None:
         given = given + point_noise
-    parts = tuple((name, share * (own - given)) for name, share in _estimated(posterior))
+    parts = tuple((key, share * (own - given)) for key, share in _estimated(posterior))
     return TouchEvidence(
         b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, posterior, seen.at, np.asarray(by_tool),
         fresh.shape[-1], own_at=at_points(posterior, own, parts), parts=parts,
     )  # fmt: skip
 
 
-def _estimated(posterior: Joint) -> list[tuple[str, float]]:
+def _estimated(posterior: Joint) -> list[tuple[ErrorKey, float]]:
     """Noises of poses that the calibration estimated, as shares of their sum where their size is 1."""
     if posterior.points is None:
         return []
-    noise = [one for one in posterior.noise if one.name != ROBOT_ACCURACY and len(one.by_point)]
+    noise = [one for one in posterior.noise if one.key != ROBOT_ACCURACY and len(one.by_point)]
     weight = [float(np.trace(one.covariance)) for one in noise]
     stated = sum(w * one.size**2 for w, one in zip(weight, noise, strict=True))
     named = zip(weight, noise, strict=True)
-    return [(one.name, w / stated) for w, one in named if one.name != "given"] if stated > 0 else []
+    return [(one.key, w / stated) for w, one in named if one.key.kind != Kind.GIVEN] if stated > 0 else []
 
 
 def _sizes_at(posterior: Joint) -> Array:
     """(d,) variance of the noise that the calibration estimated at each point of the sizes, over that stated."""
-    parts = [(name, np.full((1, 1, 1), share)) for name, share in _estimated(posterior)]
+    parts = [(key, np.full((1, 1, 1), share)) for key, share in _estimated(posterior)]
     return at_points(posterior, np.ones((1, 1, 1)), parts).reshape(-1) if posterior.points is not None else np.ones(1)
 
 
@@ -305,7 +303,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     if touches.robot_noise is None:
         return ahead
     noise = np.broadcast_to(touches.robot_noise, ahead.noise.shape)
-    return replace(ahead, fresh=(FreshNoise("given", "robot", noise, 1.0, NONE),))
+    return replace(ahead, fresh=(FreshNoise(GIVEN[Owner.ROBOT], "robot", noise, 1.0, NONE),))
 
 
 def _poses_of_points(result: Estimated, touches: Touches) -> Array:
@@ -328,7 +326,7 @@ def _seen_points(
     (m, 3, 3) of each; noise by columns (m, 3, 6) of each view of a board; the number of the view of each.
     """
     posterior = posterior_of(result)
-    m, q = touches.m, len(posterior.names)
+    m, q = touches.m, len(posterior.keys)
     p, views, view_noise = touches.seen, np.arange(m, dtype=np.intp), None
     noise = np.zeros((m, 3, 3)) if touches.seen_covariance is None else touches.seen_covariance
     robot = np.broadcast_to(np.eye(4), (m, 4, 4)) if seen_from is None else seen_from.poses
@@ -345,8 +343,8 @@ def _seen_points(
     if touches.same_camera:
         there = np.broadcast_to(np.eye(4), (m, 4, 4)).copy()
         there[:, :3, 3] = p
-        intrinsics = np.array([group_of(name) == INTRINSICS for name in posterior.names], dtype=bool)
-        scale = np.array([name == TARGET_SCALE for name in posterior.names], dtype=bool)
+        intrinsics = np.array([key.error == INTRINSICS for key in posterior.keys], dtype=bool)
+        scale = np.array([key == TARGET_SCALE for key in posterior.keys], dtype=bool)
         by_errors = np.array(shared_effects(result, "camera", robot, there)[:, 3:])
         if touches.board is None:
             by_errors[..., intrinsics | scale] = 0.0

@@ -35,18 +35,17 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import GIVEN, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
 from ...model.kinematics.arms.elbow import elbow_moved
 from ...model.kinematics.errors import GROUPS
-from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
+from ...model.kinematics.kinematic_errors import EXACT, effects_of_errors, frame_key
 from ...model.kinematics.workspace_gauge import frame_columns
-from ...model.noise.camera_noise import INTRINSICS
-from ...model.noise.joint_covariance import group_of
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import FreshNoise, Posterior
-from ...model.shared_errors.assumed import bound_again, error_by_part
+from ...model.shared_errors.assumed import bound_again, error_by_number
 from ...model.shared_errors.shared_error import SharedError
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
@@ -174,7 +173,7 @@ def camera_ahead(result: Estimated, joints: ArrayLike | None = None, robot: Pose
     )
     all_of_robot, of_robot = (
         by_robot @ total_of(fresh, shape).reshape(-1, 6, 6) @ by_robot.mT
-        for fresh in (ahead.fresh, tuple(one for one in ahead.fresh if posterior.noise and one.name != "given"))
+        for fresh in (ahead.fresh, tuple(one for one in ahead.fresh if posterior.noise and one.key.kind != Kind.GIVEN))
     )
     noise = all_of_robot + total_of(fresh_of_camera(result, flat), flat.shape[:1])
     unseen = (by_robot @ ahead.unseen.reshape(-1, 6, 6) @ by_robot.mT).reshape(*shape, 6, 6)
@@ -300,21 +299,21 @@ def robot_ahead(
     if by_poses:
         assert given is not None and fitted is not None
         joints = fitted.joints_at(given)
-    place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
+    place = posterior.place
     if joints is not None:
         assert fitted is not None
         q = fitted.checked(joints)
         G = fitted.poses(q, given)
         J = fitted.chain.jacobian(q, fitted.e)
         of_joints: Array | None = J @ J.mT
-        of_arm = [(k, place[part.name]) for k, part in enumerate(fitted.chain.errors) if part.name in place]
+        of_arm = [(k, place[part.key]) for k, part in enumerate(fitted.chain.errors) if part.key in place]
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
         if of_arm:
             here, there = np.array(of_arm).T
             columns[..., there] = -effects_of_errors(fitted.chain, q, fitted.e, fitted.flange)[..., here]
         for group in GROUPS:
-            if frame_name(group, 0) in place:
-                there = np.array([place[frame_name(group, k)] for k in range(12)])
+            if frame_key(group, 0) in place:
+                there = np.array([place[frame_key(group, k)] for k in range(12)])
                 columns[..., there] = -frame_columns(fitted.chain, q, group)
     else:
         assert given is not None
@@ -354,17 +353,23 @@ def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tup
     posterior, fitted, found = posterior_of(result), result.kinematics, []
     if not posterior.noise:
         found.append(
-            FreshNoise("given", "robot", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE)
+            FreshNoise(
+                GIVEN[Owner.ROBOT],
+                "robot",
+                np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)),
+                1.0,
+                NONE,
+            )
         )
         if of_joints is not None and fitted is not None:
             found.append(FreshNoise(JOINT_NOISE, "robot", of_joints, fitted.joint_noise, NONE))
         return tuple(found)
     for one in posterior.noise:
-        if one.side != "robot" or one.name == ROBOT_ACCURACY or (one.name == JOINT_NOISE and of_joints is None):
+        if one.side != "robot" or one.key == ROBOT_ACCURACY or (one.key == JOINT_NOISE and of_joints is None):
             continue
-        S = of_joints if one.name == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
+        S = of_joints if one.key == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
         assert S is not None
-        found.append(FreshNoise(one.name, one.side, S, one.size, one.by_point))
+        found.append(FreshNoise(one.key, one.side, S, one.size, one.by_point))
     return tuple(found)
 
 
@@ -372,7 +377,9 @@ def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
     """Noises of future camera poses (m, 4, 4)."""
     posterior, shape = posterior_of(result), (len(camera), 6, 6)
     if not posterior.noise:
-        return (FreshNoise("given", "camera", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
+        return (
+            FreshNoise(GIVEN[Owner.CAMERA], "camera", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),
+        )
     found = []
     for one in posterior.noise:
         if one.side == "camera":
@@ -382,32 +389,32 @@ def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
                 centre = np.zeros(3) if of is None else target_centre(of.camera, one.distance)
                 B = view_block(camera, one.distance, centre)
                 S = B @ B.mT
-            found.append(FreshNoise(one.name, one.side, S, one.size, one.by_point))
+            found.append(FreshNoise(one.key, one.side, S, one.size, one.by_point))
     return tuple(found)
 
 
 def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
-    """(m, 6, q) effects of shared errors of a side on m poses, if known by name or the camera's calibration; else 0."""
+    """(m, 6, q) effects of shared errors of a side on m poses, known by kind or the camera's calibration; else 0."""
     posterior = posterior_of(result)
-    found = np.zeros((len(robot), 6, len(posterior.names)))
+    found = np.zeros((len(robot), 6, len(posterior.keys)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
     calibrated = poses if (data := bound_to(result)) is None else data
-    columns: dict[str, Array] = {}
-    for k, name in enumerate(posterior.names):
-        if (of := error_by_part(name)) is not None and of[0].side == side:
+    columns: dict[ErrorKey, Array] = {}
+    for k, key in enumerate(posterior.keys):
+        if (of := error_by_number(key)) is not None and of[0].side == side:
             error, part = of
-            if error.name not in columns:
-                columns[error.name] = error.bound(calibrated).at(poses)
-            found[..., k] = columns[error.name][..., part]
+            if error.key not in columns:
+                columns[error.key] = error.bound(calibrated).at(poses)
+            found[..., k] = columns[error.key][..., part]
     for error in errors_of_poses(result):
         if error.side == side:
-            index = [posterior.names.index(part) for part in error.parts]
+            index = [posterior.place[key] for key in error.keys]
             found[..., index] = error.at(poses)
     before = poses_so_far(result)
     index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
     S: Any = getattr(result.noise, "camera", None)
     if side == "camera" and index and seen is not None and S is not None:
-        so_far = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
+        so_far = S.shared[..., [key in (None, INTRINSICS) for key in S.keys]]
         found[..., index] = seen.shared_ahead(camera, so_far)
     return found
 
@@ -431,15 +438,15 @@ def errors_of_poses(result: Estimated) -> list[SharedError]:
     poses, posterior = bound_to(result), posterior_of(result)
     if poses is None:
         return []
-    groups = dict.fromkeys(map(group_of, posterior.names))
+    errors = dict.fromkeys(key.error for key in posterior.keys)
     reach = next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
-    found = [bound_again(name, poses, reach) for name in groups]
-    return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
+    found = [bound_again(key, poses, reach) for key in errors]
+    return [error for error in found if error is not None and set(error.keys) <= posterior.place.keys()]
 
 
 def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Array:
     """(m, 6, 6) covariance of the robot's errors at other poses, given those at the poses of the calibration."""
-    sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
+    sd = next((error.prior_sd for error in result.shared if error.key.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
         if error.unseen is not None:
             return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), measured)
@@ -447,7 +454,7 @@ def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Ar
 
 
 def numbers_of_intrinsics(posterior: Posterior) -> list[int]:
-    return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
+    return [k for k, key in enumerate(posterior.keys) if key.error == INTRINSICS]
 
 
 def own_noise(result: Estimated, side: Literal["robot", "camera"]) -> Array:

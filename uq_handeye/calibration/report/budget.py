@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...core.formatting.numbers import digits, fixed
@@ -11,14 +9,15 @@ from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Cell, Table
 from ...fit.diagnostics.budget import Budget
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.key_text import plain_text
 from ...model.noise.models import is_joint
 from ..estimate.analysis import joint_sides
 from ..result import Calibration
-from ..statement.checks import PLAIN
 
-KINDS = ("rotation", "translation")
-# Name of the smallest sources, which are one row.
-OTHERS = "all other sources"
+KINDS = (Kind.ROTATION, Kind.TRANSLATION)
+# The smallest sources, which are one row.
+OTHERS = ErrorKey(Owner.ALL, Kind.OTHERS)
 DOF = "effective degrees of freedom"
 # What is stated for 95 %, of lengths and angles in all directions together.
 WITHIN_95 = "95 % of the errors are within"
@@ -33,16 +32,15 @@ def shown_budget(result: Calibration) -> Budget | None:
     if not result.has_budget:
         return None
     budget = result.budget
-    for side in ("robot", "camera", "A", "B"):
-        parts = [name for what in KINDS if (name := f"{side} {what}") in budget.sources]
+    for side in (Owner.ROBOT, Owner.CAMERA, Owner.A, Owner.B):
+        parts = [key for what in KINDS if ((key := ErrorKey(side, what)),) in budget.keys]
         # Where errors are coupled, the shares of one kind may be beyond 100 % and below 0: only the sum counts.
         S = getattr(result.noise, side, None)
         dense = S is not None and is_joint(S) and side not in joint_sides(result.noise)
-        if parts and (dense or f"{side} coupling" in budget.sources):
-            parts += [name for name in budget.sources if name == f"{side} coupling"]
-            merged = budget.merged(parts)
-            whole, named = " + ".join(parts), f"{side} (rotation and translation)"
-            budget = replace(merged, sources=tuple(named if name == whole else name for name in merged.sources))
+        coupling = ErrorKey(side, Kind.COUPLING)
+        if parts and (dense or (coupling,) in budget.keys):
+            parts += [coupling] if (coupling,) in budget.keys else []
+            budget = budget.merged(parts).renamed(tuple(parts), ErrorKey(side, Kind.BOTH))
     return budget
 
 
@@ -59,8 +57,8 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
     largest = np.max([shares[name] for name in factors], axis=0)
-    for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k] == OTHERS, -largest[k])):
-        source = PLAIN.get(budget.sources[k], budget.sources[k])
+    for k in sorted(range(len(largest)), key=lambda k: (budget.keys[k] == (OTHERS,), -largest[k])):
+        source = plain_text(budget.sources[k])
         sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
         parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
         rows.append([source, budget.types[k], *sizes, *parts, freedom(float(budget.dof[k]))])
@@ -88,9 +86,8 @@ def shorten_budget(budget: Budget, most: int | None) -> Budget:
     sizes = np.max([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=0)
     small = set(np.argsort(-sizes, kind="stable")[most - 1 :].tolist())
     names = [name for k, name in enumerate(budget.sources) if k in small]
-    merged = budget.merged(names)
-    whole = " + ".join(names)
-    return replace(merged, sources=tuple(OTHERS if n == whole else n for n in merged.sources))
+    whole = tuple(key for k, source in enumerate(budget.keys) if k in small for key in source)
+    return budget.merged(names).renamed(whole, OTHERS)
 
 
 def freedom(dof: float) -> str:

@@ -29,6 +29,7 @@ from ...core.presentation.document import (
 )
 from ...findings import Finding
 from ...fit.diagnostics.sentences import DECLARE
+from ...model.error_terms.key import Kind
 from ..result import Calibration
 from ..statement.accuracy import Accuracy, combined_parts, limit_of, suits_of
 from ..statement.tolerance import Verdict
@@ -153,12 +154,7 @@ def accuracy_blocks(result: Calibration, most: int = MAX_PARTS_SHOWN) -> list[Bl
 
 def parts_table(accuracy: Accuracy, most: int = MAX_PARTS_SHOWN) -> Table:
     """Return the parts of the accuracy, largest first and those beyond ``most`` combined, with what holds 95 %."""
-    sizes = {
-        part.name: next((text for text in accuracy.included if text.startswith(part.name)), part.name)
-        for part in accuracy.parts
-    }
-    shown = [part._replace(name=sizes.get(part.name, part.name)) for part in combined_parts(accuracy.parts, most)]
-    rows = [[part.name, *_sizes(part.translation, part.rotation)] for part in shown]
+    rows = [[name, *_sizes(move, turn)] for name, move, turn in combined_parts(accuracy.parts, most, sized=True)]
     rows.append([WITHIN_95, *_sizes(accuracy.translation_95, accuracy.rotation_95)])
     return Table("", ["1 sigma, worst direction", "mm", "deg"], rows)
 
@@ -261,9 +257,9 @@ def _about_largest(result: Calibration, accuracy: Accuracy) -> str | None:
     """Return what to do about the largest part of the accuracy."""
     if not accuracy.parts:
         return None
-    name, count = accuracy.parts[0].name, result.n_poses or result.n_pairs
-    if name.startswith("noise of") and count < MIN_POSES_TO_TAKE:
+    part, count = accuracy.parts[0], result.n_poses or result.n_pairs
+    if part.key.kind in (Kind.POSES, Kind.POSES_AND_TOUCHES) and count < MIN_POSES_TO_TAKE:
         return "take more poses to reduce the noise: uq-handeye plan chooses them"
-    if name in DECLARE and any(error.error == name and error.default for error in result.shared):
-        return f"measure the {name}, which limits X, and declare how well: such as {' '.join(DECLARE[name])}"
+    if part.key in DECLARE and any(error.key.error == part.key and error.default for error in result.shared):
+        return f"measure the {part.name}, which limits X, and declare how well: such as {' '.join(DECLARE[part.key])}"
     return None

@@ -9,10 +9,9 @@ from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, small_unit
 from ...core.numbers.levels import RARE
 from ...core.presentation.document import Block, Paragraph, Points, Table
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...model.error_terms.keys import DRIFTS, VIEW
 from ...model.noise.estimate import SHOWN, Component, FoundComponent
 from ...model.noise.models import Noise, is_joint, marginals
-from ...model.shared_errors.assumed import DRIFT
-from ...model.shared_errors.shared_error import VIEW
 from ..result import Calibration
 
 # Rotation or translation residuals are called inconsistent with the noise from this difference of their sigma_0
@@ -59,7 +58,7 @@ def noise_blocks(result: Calibration) -> list[Block]:
 
 
 def _of_model(part: FoundComponent) -> list[str]:
-    factor, unit = (1e3, "mrad, mm") if part.name == VIEW or DRIFT in part.name else small_unit(part.unit)
+    factor, unit = (1e3, "mrad, mm") if part.key in (VIEW, *DRIFTS.values()) else small_unit(part.unit)
     size = f"{fixed(factor * part.size)} {unit}".rstrip()
     between = "known" if part.known else f"{fixed(factor * part.low)} to {fixed(factor * part.high)} {unit}".rstrip()
     numbers = f"{part.determined:.1f} of {part.count}" if part.count else "each pose"

@@ -18,7 +18,8 @@ from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.likelihood.shared_groups import SharedGroup
-from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
+from ...model.error_terms.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
+from ...model.shared_errors.shared_error import WRONG_SIZE
 from ..result import Calibration
 from ..statement.checks import included, shared_groups, sizes_of
 
@@ -39,16 +40,16 @@ def shared_table(result: Calibration) -> Table | None:
     """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
     groups = shared_groups(result)
     parts = () if result.noise_estimate is None else result.noise_estimate.components
-    of_population = {part.name for part in parts if part.status == "population"}
-    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in of_population) for group in groups]
+    of_population = {part.key for part in parts if part.status == "population"}
+    rows: list[list[Cell]] = [_declared(group, group.key.error in of_population) for group in groups]
     if (found := result.time_offset) is not None and found.std > 0:
         known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
-        rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
+        rows.append([str(CLOCK_OFFSET), "estimated from the streams", known, f"{100 * found.share:.1f} %"])
     if result.analysis is not None:
-        names = {error.name for error in result.shared}
+        keys = {error.key for error in result.shared}
         rows += [
             [probe.name, (_undeclared(probe), 3)] for probe in result.analysis.diagnostics.probes
-            if probe.name not in names
+            if probe.key not in keys
         ]  # fmt: skip
     caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
     return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
@@ -68,8 +69,8 @@ def shared_blocks(result: Calibration) -> list[Block]:
 def look_alike(result: Calibration) -> bool:
     """Return whether the residuals indicate a scale that may be the target's or the robot's."""
     probes = () if result.analysis is None else result.analysis.diagnostics.probes
-    asked = {probe.name for probe in probes if probe.asked_for}
-    asked |= {error.name for error in result.shared if error.name == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
+    asked = {probe.key for probe in probes if probe.asked_for}
+    asked |= {error.key for error in result.shared if error.key == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
 
 
@@ -113,11 +114,11 @@ def amount(error: SharedEstimate) -> str:
 def included_words(result: Calibration) -> str:
     """Return a sentence with the shared errors that the covariance of X includes."""
     parts = included(result)
-    defaults = sum(default for _, default in parts)
+    defaults = sum(default for _, _, default in parts)
     if not parts:
         return "Errors that all poses share are not included."
     said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
-    named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
+    named = [part if said is not None or not default else f"{part} (default)" for _, part, default in parts]
     return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -28,13 +28,21 @@ from ...core.formatting.units import MM_PER_M
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import SOLUTION_ROUNDING
-from ...fit.diagnostics.budget import EACH, SHARED, Budget
-from ...model.noise.joint_covariance import group_of
-from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ...fit.diagnostics.budget import Budget, Source
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.key_text import part_text
+from ...model.error_terms.keys import (
+    FOCAL_LENGTH,
+    LENS,
+    OUTLINE,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    TARGET_SCALE,
+    VIEW,
+)
 from ..estimate.error_of_X import radius_95
 from ..estimate.estimated import Estimated, distance_of
-from .checks import PLAIN, Checked, included, lower_limit_of, not_included
+from .checks import Checked, included, lower_limit_of, not_included
 from .tolerance import ToleranceLike, Verdict, verdict_of
 
 # A number is known by its prior where the data leave more than this share of the prior variance.
@@ -43,15 +51,26 @@ MAX_PRIOR_SHARE = 0.5
 MIN_PRIOR_GAIN = 1.25
 # A tolerance that X is said to meet is larger by this share than the length that it is rounded from.
 SIZE_MARGIN = 1e-3
-_KINDS = ("rotation", "translation", "coupling")
+# Kinds of a budget that are noise of each pose, of one side.
+_NOISE = (Kind.ROTATION, Kind.TRANSLATION, Kind.COUPLING, Kind.BOTH, Kind.EACH_POSE)
+NOISE_OF_POSES = ErrorKey(Owner.ALL, Kind.POSES)
 
 
-class Part(NamedTuple):
+@dataclass(frozen=True)
+class Part(Record):
     """The standard uncertainty that one kind of error gives X, in the directions in which X is least certain."""
 
-    name: str
+    _in_file: ClassVar[str] = "name key translation rotation"
+
+    key: ErrorKey
     translation: float  # m
     rotation: float  # rad
+    stated: str = ""  # with its size, where it is one of the errors that are included
+
+    @property
+    def name(self) -> str:
+        """The kind of error in words."""
+        return part_text(self.key.owner, self.key.kind, str(self.key))
 
 
 @dataclass(frozen=True)
@@ -63,7 +82,7 @@ class FromPoses(Record):
 
     translation: float  # m
     rotation: float  # rad
-    assumed: tuple[str, ...]
+    assumed: tuple[ErrorKey, ...]
 
 
 @dataclass(frozen=True)
@@ -104,9 +123,11 @@ def accuracy_of(result: Statement) -> Accuracy | None:
     xi = result.error_points
     touched = sum(one.values["count"] for one in result.findings if one.code == "evidence.touches_used")
     move, turn = _worst(S[3:, 3:]), _worst(S[:3, :3])
-    words = [
-        f"{text} (assumed)" if default and not text.endswith("assumed)") else text for text, default in included(result)
+    stated = [
+        (key, f"{text} (assumed)" if default and not text.endswith("assumed)") else text)
+        for key, text, default in included(result)
     ]
+    words = [text for _, text in stated]
     if touched:
         words.insert(0, f"{touched} touched {'point' if touched == 1 else 'points'}")
     return Accuracy(
@@ -118,7 +139,7 @@ def accuracy_of(result: Statement) -> Accuracy | None:
         point_95=_steady(point_95),
         distance=distance,
         distance_known=known,
-        parts=() if budget is None else parts_of(budget),
+        parts=() if budget is None else parts_of(budget, stated),
         included=("noise of the poses", *words),
         not_included=tuple(not_included(result)),
         lower_limit=lower_limit_of(result),
@@ -131,11 +152,11 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     posterior, S = result.posterior, result.covariance
     if posterior is None or S is None or result.covariance_kind != "model":
         return None
-    place = {name: len(posterior.covariance) - len(posterior.names) + k for k, name in enumerate(posterior.names)}
-    of: dict[str, list[int]] = {}
+    place = {key: posterior.p + k for key, k in posterior.place.items()}
+    of: dict[ErrorKey, list[int]] = {}
     for error in result.shared:
-        if error.default and error.name in place and error.resolved < 1.0 - MAX_PRIOR_SHARE:
-            of.setdefault(error.error, []).append(place[error.name])
+        if error.default and error.key in place and error.resolved < 1.0 - MAX_PRIOR_SHARE:
+            of.setdefault(error.key.error, []).append(place[error.key])
 
     def known(index: list[int]) -> Array:
         P = posterior.covariance
@@ -148,46 +169,54 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     total, alone = np.array([_worst(S[3:, 3:]), _worst(S[:3, :3])]), known([k for index in of.values() for k in index])
     if not (total > MIN_PRIOR_GAIN * alone).any():
         return None
-    gains = {name: float((1.0 - known(index) / total).max()) for name, index in of.items()}
-    named = [name for name in sorted(gains, key=lambda name: -gains[name]) if gains[name] > 0.5 * max(gains.values())]
+    gains = {key: float((1.0 - known(index) / total).max()) for key, index in of.items()}
+    named = [key for key in sorted(gains, key=lambda key: -gains[key]) if gains[key] > 0.5 * max(gains.values())]
     return FromPoses(_steady(float(alone[0])), _steady(float(alone[1])), tuple(named))
 
 
-def parts_of(budget: Budget) -> tuple[Part, ...]:
-    """Return the sources of a budget as few parts, largest first: noise, shared errors by name, correlated errors."""
-    together = any(" + " in source for source in budget.sources)  # robot and camera are not identifiable
+def parts_of(budget: Budget, stated: Sequence[tuple[ErrorKey | None, str]] = ()) -> tuple[Part, ...]:
+    """Return the sources of a budget as few parts, largest first: noise, shared errors, correlated errors.
+
+    ``stated``: errors that are included, with their size in words.
+    """
     along = budget.in_worst_direction()
-    squares: dict[str, Array] = {}
-    for source, move, turn in zip(budget.sources, along["X translation"], along["X rotation"], strict=True):
-        name = part_name(source, together)
-        squares[name] = squares.get(name, np.zeros(2)) + np.array([move, turn])
-    squares = {name: np.maximum(square, 0.0) for name, square in squares.items()}
+    squares: dict[ErrorKey, Array] = {}
+    for key, move, turn in zip(part_keys(budget.keys), along["X translation"], along["X rotation"], strict=True):
+        squares[key] = squares.get(key, np.zeros(2)) + np.array([move, turn])
+    squares = {key: np.maximum(square, 0.0) for key, square in squares.items()}
     scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
-    order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
-    return tuple(Part(name, *map(_steady, np.sqrt(squares[name]).tolist())) for name in order)
+    order = sorted(squares, key=lambda key: -float((squares[key] / scale).max()))
+    words = dict(stated)
+    sizes = {key: [_steady(size) for size in np.sqrt(square).tolist()] for key, square in squares.items()}
+    return tuple(Part(key, sizes[key][0], sizes[key][1], words.get(key, "")) for key in order)
 
 
-def combined_parts(parts: Sequence[Part], most: int) -> list[Part]:
-    """Return a limited number of parts; the smallest are combined in one, with their names or their number."""
-    if len(parts) <= most:
-        return list(parts)
-    rest = parts[most - 1 :]
-    size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0)).tolist()
-    names = ", ".join(part.name for part in rest)
-    if len(names) > 48:
-        names = "all other errors" if most > 1 else "all errors"
-    return [*parts[: most - 1], Part(names, *size)]
+def combined_parts(parts: Sequence[Part], most: int, sized: bool = False) -> list[tuple[str, float, float]]:
+    """Return name, translation (m) and rotation (rad) of at most ``most`` parts; ``sized``: with those of errors.
+
+    The smallest parts are combined in one, with their names or their number.
+    """
+    kept, rest = (parts, parts[:0]) if len(parts) <= most else (parts[: most - 1], parts[most - 1 :])
+    rows = [((part.stated if sized else "") or part.name, part.translation, part.rotation) for part in kept]
+    if rest:
+        move, turn = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0)).tolist()
+        names = ", ".join(part.name for part in rest)
+        if len(names) > 48:
+            names = "all other errors" if most > 1 else "all errors"
+        rows.append((names, move, turn))
+    return rows
 
 
-def part_name(source: str, together: bool) -> str:
-    """Return the part that a source of the budget belongs to."""
-    side, _, rest = source.partition(" ")
-    if " + " in source or (side in ("robot", "camera", "A", "B") and rest.startswith((*_KINDS, EACH, "("))):
-        if rest == SHARED:
-            return f"errors shared by all {side} poses"
-        return "noise of the poses" if together else f"noise of the {side} {'poses' if len(side) > 1 else 'motions'}"
-    name = group_of(source)
-    return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else PLAIN.get(name, name)
+def part_keys(sources: Sequence[Source]) -> list[ErrorKey]:
+    """Return for each source of a budget the part that it belongs to."""
+    together = any(len(source) > 1 for source in sources)  # robot and camera are not identifiable
+    found = []
+    for source in sources:
+        key = source[0]
+        if len(source) > 1 or key.kind in _NOISE:
+            key = NOISE_OF_POSES if together else ErrorKey(key.owner, Kind.POSES)
+        found.append(key.error)
+    return found
 
 
 def budget_of_model(result: Estimated) -> Budget | None:

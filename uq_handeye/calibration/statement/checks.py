@@ -30,12 +30,11 @@ from ...findings import (
     without_consequences,
 )
 from ...fit.likelihood.shared_groups import SharedGroup, grouped
+from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.key_text import plain_text
+from ...model.error_terms.keys import CLOCK_OFFSET, FOCAL_LENGTH, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
 from ...model.kinematics.kinematic_errors import DECLARED_AS
-from ...model.noise.camera_noise import INTRINSICS
-from ...model.noise.joint_covariance import group_of
 from ...model.noise.models import Noise, is_joint
-from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.analysis import joint_sides
 from ..estimate.estimated import Estimated, distance_of
 
@@ -183,58 +182,54 @@ def _of_halves(result: Estimated) -> Check:
     return Check(HALVES, "ok", f"X of two halves {words} ({probability(least, 2)})", tuple(h.finding for h in run))
 
 
-# These errors have a plainer name in text.
-PLAIN = {VIEW: "camera errors by view"}
-
-
 def shared_groups(result: Estimated) -> list[SharedGroup]:
     """Return the shared errors of a result, those of many numbers as one."""
-    carried = any(group_of(error.name) == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
+    carried = any(error.key.error == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
     return grouped(result.shared, result.covariance if carried or result.bound is None else result.bound)
 
 
-def included(result: Estimated) -> list[tuple[str, bool]]:
-    """Return the shared errors that the covariance of X includes, and whether the size of each is assumed.
+def included(result: Estimated) -> list[tuple[ErrorKey | None, str, bool]]:
+    """Return the shared errors that the covariance of X includes: key, size in words, whether the size is assumed.
 
-    It is not where the data found the size, or where it was declared.
+    It is not where the data found the size, or where it was declared. The key is None of several errors together.
     """
-    found = {part.name for part in result.components if not part.known}
-    parts: list[tuple[str, bool]] = []
+    found = {part.key for part in result.components if not part.known}
+    parts: list[tuple[ErrorKey | None, str, bool]] = []
     if of_camera(result):
-        parts.append(("errors of the intrinsics", False))
+        parts.append((None, "errors of the intrinsics", False))
     elif result.noise is not None and _unnamed(result.noise):
-        parts.append(("the joint covariance of the noise", False))
-    groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
+        parts.append((None, "the joint covariance of the noise", False))
+    groups: dict[ErrorKey, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
     for group in shared_groups(result):
-        groups.setdefault(group.parts[0].error, []).append(group)
-    of_arm = [name for name in groups if name in DECLARED_AS]
+        groups.setdefault(group.key.error, []).append(group)
+    of_arm = [key for key in groups if key.kind in DECLARED_AS]
     if of_arm:
-        parts.append((f"errors of the arm ({', '.join(of_arm)})", False))
-    for name, of_error in groups.items():
-        if name in of_arm:
+        parts.append((None, f"errors of the arm ({', '.join(map(str, of_arm))})", False))
+    for key, of_error in groups.items():
+        if key in of_arm:
             continue
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
-        parts.append((f"{PLAIN.get(name, name)} {' and '.join(sizes)}", of_error[0].default and name not in found))
-    columns = dict.fromkeys(map(group_of, column_names(result)))
-    parts += [(name, False) for name in columns if not groups]
+        parts.append((key, f"{plain_text(key)} {' and '.join(sizes)}", of_error[0].default and key not in found))
+    columns = dict.fromkeys(key.source for key in column_keys(result))
+    parts += [(key, str(key), False) for key in columns if not groups]
     if result.time_offset is not None and result.time_offset.std > 0:
-        parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
+        parts.append((CLOCK_OFFSET, f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
     return parts
 
 
 def not_included(result: Estimated) -> list[str]:
     """Return the systematic errors that the covariance of X does not include."""
-    names = column_names(result)
-    known = of_camera(result) or FOCAL_LENGTH in names
+    keys = column_keys(result)
+    known = of_camera(result) or FOCAL_LENGTH in keys
     camera = "camera model" if known else "camera intrinsics"
     if from_points(result):
         camera = "depth errors that points share"
-    target = "target shape" if TARGET_SCALE in names or of_camera(result) else "target size"
+    target = "target shape" if TARGET_SCALE in keys or of_camera(result) else "target size"
     robot = "robot kinematics"
-    if any(error.error == ROBOT_ACCURACY for error in result.shared):
-        assumed = all(error.default for error in result.shared if error.error == ROBOT_ACCURACY)
+    if any(error.key.error == ROBOT_ACCURACY for error in result.shared):
+        assumed = all(error.default for error in result.shared if error.key.error == ROBOT_ACCURACY)
         robot = f"robot errors beyond those {'assumed' if assumed else 'declared'}"
-    if set(DECLARED_AS) & set(map(group_of, names)):
+    if any(key.kind in DECLARED_AS for key in keys):
         robot = "arm errors outside its model"
     return [camera, robot, target]
 
@@ -251,15 +246,16 @@ def sizes_of(group: SharedGroup) -> str:
     return ", ".join(found)
 
 
-def column_names(result: Estimated) -> tuple[str, ...]:
-    """Return the names of the shared errors that the noise holds, without those of the intrinsics."""
-    return tuple(name for S in joint_sides(result.noise).values() for name in S.names if name not in ("", INTRINSICS))
+def column_keys(result: Estimated) -> tuple[ErrorKey, ...]:
+    """Return the shared errors that the noise holds, without those of the intrinsics."""
+    sides = joint_sides(result.noise).values()
+    return tuple(key for S in sides for key in S.keys if key is not None and key != INTRINSICS)
 
 
 def of_camera(result: Estimated) -> bool:
     """Return whether the noise of the camera poses holds the errors of the intrinsics."""
     S = joint_sides(result.noise).get("camera")
-    return S is not None and bool({INTRINSICS, ""} & set(S.names))
+    return S is not None and bool({INTRINSICS, None} & set(S.keys))
 
 
 def from_points(result: Estimated) -> bool:
@@ -271,7 +267,7 @@ def _unnamed(noise: Noise) -> bool:
     """Return whether a side has a joint covariance that was given as such."""
     by_columns = joint_sides(noise)
     joint = [name for name, S in noise.sides.items() if S is not None and is_joint(S)]
-    return any(name not in by_columns or "" in by_columns[name].names for name in joint)
+    return any(name not in by_columns or None in by_columns[name].keys for name in joint)
 
 
 class Checked(Estimated):

@@ -69,9 +69,9 @@ def check_command(
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
     """
+    from ...calibration.evidence.same_things import THINGS
     from ...calibration.result import Calibration
     from ...core.presentation.document import Paragraph, document_of
-    from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
     from ...use.maintenance.log import log_check
 

@@ -55,8 +55,8 @@ def update_command(
             *NEW_VIEWS, "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at"
         )
     outputs.require_possible()
+    from ...calibration.evidence.same_things import THINGS
     from ...calibration.result import Calibration
-    from ...model.posterior.owners import THINGS
     from ...use.maintenance.update import gain, update
 
     with _held_if_replaced(result, outputs.output):

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
 from functools import cache
 from operator import attrgetter
 from types import NoneType, UnionType
@@ -154,6 +155,8 @@ def plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else None
     if value is None or kind in (str, bool, int):
         return value
+    if isinstance(value, Enum):
+        return value.value
     if hasattr(value, "dtype"):
         whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
         return value.tolist() if whole else plain(value.tolist())

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,24 +33,23 @@ from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
-from ...model.noise.camera_noise import INTRINSICS
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.key_text import text_of_source
+from ...model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, MOTION, SIZES_OPEN
 from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import factor_of
-from ...model.shared_errors.shared_error import CLOCK_OFFSET
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
 from .task_space import _points, by_pose
 
-# Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
-EACH, SHARED = "(each pose)", "(shared)"
-# The source of a budget for what open sizes of the errors move X and W by.
-SIZES_OPEN = "sizes of the errors"
-# How far X and W were from their means over the session (`assumed`: drift).
-MOTION = "motion in the session"
+# A source of a budget: an error, or some that the data cannot separate.
+Source: TypeAlias = tuple[ErrorKey, ...]
+# Prior knowledge of the unknown pose whose six numbers begin at that place.
+PRIORS = {0: ErrorKey(Owner.ALL, Kind.PRIOR_OF_X), 6: ErrorKey(Owner.ALL, Kind.PRIOR_OF_W)}
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
@@ -70,23 +69,28 @@ class Budget(Record):
     p components: 6 of X, then 6 of W where there is one; or 3 of a task point.
     """
 
-    _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined"
+    _stored: ClassVar[str] = "sources keys types relative dof components covariances group_shares combined"
     _in_file: ClassVar[str] = f"{_stored} shares"
 
-    sources: tuple[str, ...]
+    keys: tuple[Source, ...]
     covariances: Annotated[Array, "sources", "p", "p"]  # (sources, p, p), in rad and m
     X: Array  # (4, 4)
     types: tuple[str, ...] = ()  # "A" or "B" of each source, "A, B" of some together; empty: all "B"
     relative: Annotated[Array, "sources", "sources"] | None = None  # (sources, sources) R of the module; None: 0
 
     def __post_init__(self) -> None:
-        count = len(self.sources)
+        count = len(self.keys)
         object.__setattr__(self, "types", tuple(self.types) or ("B",) * count)
         R = np.zeros((count, count)) if self.relative is None else np.array(self.relative, dtype=float)
         if len(self.types) != count or not set(self.types) <= {"A", "B", "A, B"} or R.shape != (count, count):
             raise InputError(f"Expected types A or B and relative covariances of {count} sources, got {self.types}.")
         object.__setattr__(self, "relative", R)
         super().__post_init__()
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The sources in words."""
+        return tuple(text_of_source(map(str, source)) for source in self.keys)
 
     @property
     def dof(self) -> Array:
@@ -188,22 +192,27 @@ class Budget(Record):
         J = by_pose(self.X[:3, :3] @ p)
         return replace(self, covariances=J @ self.covariances[:, :6, :6] @ J.T)
 
-    def merged(self, *groups: Sequence[str]) -> Budget:
+    def merged(self, *groups: Sequence[str | ErrorKey]) -> Budget:
         """Merge the sources of each group into one, such as those that cannot be separated by the data.
+
+        They are given by their keys, or in words.
 
         Raises `InputError` for names that are no sources or that two groups share.
         """
-        wanted = [name for group in groups for name in group]
-        unknown = [name for name in wanted if name not in self.sources]
+        named = [list(map(str, group)) for group in groups]
+        wanted = [name for group in named for name in group]
+        of = dict(zip(self.sources, self.keys, strict=True))
+        unknown = [name for name in wanted if name not in of]
         if unknown or len(set(wanted)) < len(wanted):
             raise InputError(
                 f"Expected the names to merge to be different sources out of {', '.join(self.sources)}, got "
                 f"{', '.join(wanted)}."
             )
-        labels = [" + ".join(next((group for group in groups if name in group), (name,))) for name in self.sources]
+        groups_of = {name: group for group in named for name in group}
+        labels = [tuple(key for part in groups_of.get(name, (name,)) for key in of[part]) for name in self.sources]
         return self._gathered(labels, self.covariances, self.types, self._relative)
 
-    def _gathered(self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array) -> Budget:
+    def _gathered(self, labels: Sequence[Source], covariances: Array, types: Sequence[str], relative: Array) -> Budget:
         """Merge the covariances of one label into one source; R is that of the sums, each weighted by its mean
         share.
         """
@@ -217,11 +226,15 @@ class Budget(Record):
         merged = np.einsum("ms,sij->mij", of, covariances)
         return Budget(names, merged, self.X, mixed, weight @ relative @ weight.T)
 
-    def plus(self, name: str, covariance: Array) -> Budget:
+    def renamed(self, source: Source, key: ErrorKey) -> Budget:
+        """Return the budget with another key of one source."""
+        return replace(self, keys=tuple((key,) if one == source else one for one in self.keys))
+
+    def plus(self, key: ErrorKey, covariance: Array) -> Budget:
         """Add the covariance (p, p) of one more source, or to one that is there."""
         parts = np.concatenate([self.covariances, [covariance]])
-        kind = self.types[self.sources.index(name)] if name in self.sources else "B"
-        return self._gathered((*self.sources, name), parts, (*self.types, kind), np.pad(self._relative, (0, 1)))
+        kind = self.types[self.keys.index((key,))] if (key,) in self.keys else "B"
+        return self._gathered((*self.keys, (key,)), parts, (*self.types, kind), np.pad(self._relative, (0, 1)))
 
     def table(self) -> str:
         """Shares in percent, one row per source with its type and one column per group, as text."""
@@ -257,13 +270,13 @@ def budget(
     noise: Noise,
     *,
     merged: Sequence[Sequence[str]] = (),
-    beside: Mapping[str, Array] | None = None,
-    within: Mapping[str, Array] | None = None,
+    beside: Mapping[ErrorKey, Array] | None = None,
+    within: Mapping[ErrorKey, Array] | None = None,
 ) -> Budget:
     """The budget of X (and of W) of one fit; see `budget_of_sensitivities`.
 
     With robust weights it is the covariance that this noise gives the weighted estimate. ``beside`` are moves of X
-    and W, (p,) or (p, r), by one standard deviation of errors that the noise does not hold, by name.
+    and W, (p,) or (p, r), by one standard deviation of errors that the noise does not hold.
     """
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
@@ -273,68 +286,66 @@ def budget(
     gain = -C @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
     first, second = (gain @ D for D in fit.linear.sides)
     found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged, within=within)
-    for name, start, _, known in [] if fit.prior is None else fit.prior.parts():
+    for _, start, _, known in [] if fit.prior is None else fit.prior.parts():
         gain_of_prior = C[:, start : start + 6]
-        found = found.plus(f"prior of {name}", gain_of_prior @ known @ gain_of_prior.T)
-    for name, move in (beside or {}).items():
-        found = found.plus(name, of_moves(move))
+        found = found.plus(PRIORS[start], gain_of_prior @ known @ gain_of_prior.T)
+    for key, move in (beside or {}).items():
+        found = found.plus(key, of_moves(move))
     return found
 
 
 def budget_of_posterior(
-    posterior: Posterior, prior_sd: Mapping[str, float], X: Array, noise: str, dof: float
+    posterior: Posterior, prior_sd: Mapping[ErrorKey, float], X: Array, noise: ErrorKey, dof: float
 ) -> Budget:
     """Return the budget of X and W by their posterior: errors and sizes as `parts_of_posterior` has them, and the rest,
-    of the noise of all measurements (named ``noise``; ``dof``: infinite where it was given).
+    of the noise of all measurements (``noise``; ``dof``: infinite where it was given).
     """
     p = posterior.p
     parts = parts_of_posterior(posterior, prior_sd)
     rest = posterior.covariance[:p, :p] - sum(parts.values(), np.zeros((p, p)))
-    sources = (noise, *parts)
+    sources = ((noise,), *((key,) for key in parts))
     relative = np.zeros((len(sources), len(sources)))
     relative[0, 0] = 2.0 / dof
     types = ("A" if np.isfinite(dof) else "B", *("B" for _ in parts))
     return Budget(sources, np.array([rest, *parts.values()]), X, types, relative)
 
 
-def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[str, float]) -> dict[str, Array]:
-    """Return the covariance (p, p) of X and W by each error of the posterior, and by sizes that are open, by name.
+def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[ErrorKey, float]) -> dict[ErrorKey, Array]:
+    """Return the covariance (p, p) of X and W by each error of the posterior, and by sizes that are open.
 
     Errors e that had the deviations sd beforehand make ``P_xe diag(sd^-2) P_ex``. With open sizes that is the mean over
     their points, with the deviations of each, and what the points move X and W by is a source of its own.
     """
-    p, points, found = posterior.p, posterior.points, dict[str, Array]()
+    p, points, found = posterior.p, posterior.points, dict[ErrorKey, Array]()
     weights, A = (np.ones(1), posterior.A) if points is None else (points.weights, posterior.A)
     C = posterior.covariance[None] if points is None else A @ points.covariances @ A.T
-    for one in posterior.components:
-        sd = np.array([prior_sd.get(posterior.names[k], 1.0) for k in one.numbers]) * np.ones((len(weights), 1))
-        if points is not None and one.name in points.names:
-            theta = points.theta[:, points.names.index(one.name)]
+    for key, numbers in posterior.numbers.items():
+        sd = np.array([prior_sd.get(posterior.keys[k], 1.0) for k in numbers]) * np.ones((len(weights), 1))
+        if points is not None and key in points.keys:
+            theta = points.theta[:, points.keys.index(key)]
             sd = sd * np.exp(theta - weights @ theta)[:, None]
-        effect = C[:, :p, p + np.array(one.numbers)] / sd[:, None]
-        found[one.name] = np.einsum("d,dik,djk->ij", weights, effect, effect)
+        effect = C[:, :p, p + np.array(numbers)] / sd[:, None]
+        found[key] = np.einsum("d,dik,djk->ij", weights, effect, effect)
     if points is not None:
         moves = points.means @ A[:p].T
         found[SIZES_OPEN] = (weights * moves.T) @ moves
     return found
 
 
-def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, float]) -> Budget:
+def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[ErrorKey, float]) -> Budget:
     """Return the budget of a fit with what its posterior says of errors and of open sizes.
 
     The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it. The
     budget of the fit is kept where nothing is left for the noise: parts of correlated errors count twice what they
     share.
     """
-    parts, p = parts_of_posterior(posterior, prior_sd), len(found.covariance)
+    p = len(found.covariance)
+    parts: dict[Source, Array] = {(key,): S for key, S in parts_of_posterior(posterior, prior_sd).items()}
     if posterior.points is None or p != posterior.p:
         return found
-    own = [
-        name not in parts and not name.startswith("prior of ") and name not in (CLOCK_OFFSET, MOTION)
-        for name in found.sources
-    ]
-    noise = np.array(own, dtype=bool)
-    kept = [parts.get(name, S) for name, S in zip(found.sources, found.covariances, strict=True)]
+    others = {*PRIORS.values(), CLOCK_OFFSET, MOTION}
+    noise = np.array([source not in parts and others.isdisjoint(source) for source in found.keys], dtype=bool)
+    kept = [parts.get(source, S) for source, S in zip(found.keys, found.covariances, strict=True)]
     covariances = np.array(kept)
     rest = posterior.covariance[:p, :p] - covariances[~noise].sum(axis=0)
     variances = np.diag(rest)
@@ -354,7 +365,7 @@ def budget_of_sensitivities(
     X: Array,
     *,
     merged: Sequence[Sequence[str]] = (),
-    within: Mapping[str, Array] | None = None,
+    within: Mapping[ErrorKey, Array] | None = None,
 ) -> Budget:
     """The budget of an estimate with the derivatives D (n, p, 6) by the errors of every pose (or motion) of each side.
 
@@ -368,8 +379,8 @@ def budget_of_sensitivities(
     merged : groups of names
         See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
         "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
-        what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", and "camera (shared)".
-    within : names and covariances (n, 6, 6), or None
+        what each pose has by itself, "camera (each pose)", shared errors (`ErrorKey.source`), and "camera (shared)".
+    within : keys and covariances (n, 6, 6), or None
         Parts of what each robot pose has by itself that are sources of their own, such as the noise of joints.
 
     Raises
@@ -377,7 +388,7 @@ def budget_of_sensitivities(
     InputError
         Derivatives missing for a side with noise, noise of another number of poses, unknown names.
     """
-    parts: list[tuple[str, Array]] = []
+    parts: list[tuple[ErrorKey, Array]] = []
     for (name, S), D in zip(noise.sides.items(), (D_robot, D_camera), strict=True):
         if S is None:
             continue
@@ -387,18 +398,19 @@ def budget_of_sensitivities(
         joint = joint_of(S)
         own, named = S if joint is None else joint.own, within if within and name == "robot" else {}
         rest = _without(own, list(named.values())) if named else own
-        if joint is None or named or (all(joint.names) and INTRINSICS not in joint.names):
-            parts += _by_kind(name, D, rest) if not named or rest.any() else []
+        if joint is None or named or (all(joint.keys) and INTRINSICS not in joint.keys):
+            parts += _by_kind(Owner(name), D, rest) if not named or rest.any() else []
         else:  # errors of the intrinsics, beside which each pose has no noise of its own by rotation and translation
-            parts.append((f"{name} {EACH}", _summed(D, D @ own)))
+            parts.append((ErrorKey(Owner(name), Kind.EACH_POSE), _summed(D, D @ own)))
         parts += [(part, _summed(D, D @ covariance)) for part, covariance in named.items()]
         if joint is not None:
-            whole, groups = (D @ joint.shared).sum(axis=0), list(map(group_of, joint.names))
-            for label in dict.fromkeys(groups):  # the columns of each error that has a name, and the others
-                of_error = whole[:, [known == label for known in groups]]
-                parts.append((label or f"{name} {SHARED}", of_error @ of_error.T))
-    sources, covariances = zip(*parts, strict=True)
-    result = Budget(sources, np.stack(covariances), np.asarray(X, dtype=float))
+            whole, shared = (D @ joint.shared).sum(axis=0), ErrorKey(Owner(name), Kind.SHARED)
+            errors = [shared if key is None else key.source for key in joint.keys]
+            for key in dict.fromkeys(errors):  # the columns of each error that has a key, and the others
+                of_error = whole[:, [known == key for known in errors]]
+                parts.append((key, of_error @ of_error.T))
+    keys, covariances = zip(*parts, strict=True)
+    result = Budget(tuple((key,) for key in keys), np.stack(covariances), np.asarray(X, dtype=float))
     return result.merged(*merged) if merged else result
 
 
@@ -409,16 +421,16 @@ def _without(own: Array, parts: Sequence[Array]) -> Array:
     return np.where(np.abs(rest) > CHAIN_ROUNDING * size[..., :, None] * size[..., None, :], rest, 0.0)
 
 
-def _by_kind(name: str, D: Array, S: Array) -> list[tuple[str, Array]]:
+def _by_kind(owner: Owner, D: Array, S: Array) -> list[tuple[ErrorKey, Array]]:
     """Sources and covariances of rotation, translation and, where there is one, their coupling."""
     turn, shift = D.copy(), D.copy()
     turn[..., 3:], shift[..., :3] = 0.0, 0.0
     of_shift = _pulled(shift, S)
     cross = _summed(turn, of_shift)
-    found = [("rotation", _summed(turn, _pulled(turn, S))), ("translation", _summed(shift, of_shift))]
+    found = [(Kind.ROTATION, _summed(turn, _pulled(turn, S))), (Kind.TRANSLATION, _summed(shift, of_shift))]
     blocks = S.reshape(len(S) // 6, 6, -1, 6).swapaxes(1, 2) if is_joint(S) else S
-    found += [("coupling", cross + cross.T)] if blocks[..., :3, 3:].any() else []
-    return [(f"{name} {kind}", covariance) for kind, covariance in found]
+    found += [(Kind.COUPLING, cross + cross.T)] if blocks[..., :3, 3:].any() else []
+    return [(ErrorKey(owner, kind), covariance) for kind, covariance in found]
 
 
 def _summed(D: Array, E: Array) -> Array:
@@ -442,26 +454,27 @@ def _shares(variances: Array) -> Array:
 
 def with_types(budget: Budget, estimate: NoiseEstimate | None, from_corners: bool) -> Budget:
     """The budget of a fit with the types of its sources; ``from_corners``: they gave the covariance of camera poses."""
-    index: dict[str, int] = {}  # of the variance of a source, among those of the estimate
-    data, both = {CLOCK_OFFSET}, set[str]()
+    index: dict[ErrorKey, int] = {}  # of the variance of a source, among those of the estimate
+    data, both = {CLOCK_OFFSET}, set[ErrorKey]()
     if from_corners:
-        kinds = ("rotation", "translation", "coupling", EACH, SHARED)
-        data |= {*(f"camera {kind}" for kind in kinds), INTRINSICS}
+        kinds = (Kind.ROTATION, Kind.TRANSLATION, Kind.COUPLING, Kind.EACH_POSE, Kind.SHARED)
+        data |= {*(ErrorKey(Owner.CAMERA, kind) for kind in kinds), INTRINSICS}
     if estimate is not None:
-        given = {part.name for part in estimate.components if part.status in ("fixed", "given")}
-        index = {name: k for k, name in enumerate(estimate.names) if name not in given}
+        given = {part.key for part in estimate.components if part.status in ("fixed", "given")}
+        index = {key: k for k, key in enumerate(estimate.keys) if key not in given}
         data |= set(index)
-        both = {part.name for part in estimate.components if part.status == "population"}
-    types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
-    return replace(budget, types=types, relative=_relative(budget.sources, index, estimate))
+        both = {part.key for part in estimate.components if part.status == "population"}
+    keys = [source[0] for source in budget.keys]  # of a fit: nothing is merged yet
+    types = tuple("A" if key in data else "A, B" if key in both else "B" for key in keys)
+    return replace(budget, types=types, relative=_relative(keys, index, estimate))
 
 
-def _relative(sources: tuple[str, ...], index: dict[str, int], estimate: NoiseEstimate | None) -> Array:
+def _relative(keys: Sequence[ErrorKey], index: Mapping[ErrorKey, int], estimate: NoiseEstimate | None) -> Array:
     """Covariances of the variances of the sources, relative to them."""
-    R = np.zeros((len(sources), len(sources)))
+    R = np.zeros((len(keys), len(keys)))
     if estimate is None:
         return R
-    rows_of = [(k, index[name]) for k, name in enumerate(sources) if name in index]
+    rows_of = [(k, index[key]) for k, key in enumerate(keys) if key in index]
     known = [(k, of) for k, of in rows_of if estimate.variances[of] > 0]
     if known:
         rows, of = np.array(known).T

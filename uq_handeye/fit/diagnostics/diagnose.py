@@ -36,13 +36,13 @@ from ...core.numbers.levels import CONTRADICTED
 from ...core.numbers.rounding import TINY
 from ...errors import InputError
 from ...findings import Finding
-from ...model.noise.camera_noise import INTRINSICS
+from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, ROBOT_SCALE, TARGET_SCALE
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise
 from ...model.noise.square_roots import Factor, inverse_blocks, is_joint, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit, corrected
 from ..likelihood.shared_estimates import MIN_EXPLAINED_RATIO
@@ -122,12 +122,12 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     )
 
 
-def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
-    """Return those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
+def _covered(noise: Noise, poses: PosePairs | None) -> set[ErrorKey]:
+    """Return those of `PROBED` that the noise holds: columns of it, or of all intrinsics."""
     joint = [joint_of(S) for S in covariances_of(noise)]
-    found = {name for S in joint if S is not None for name in S.names} & set(PROBED)
+    found = {key for S in joint if S is not None for key in S.keys if key in PROBED}
     seen, camera = None if poses is None else poses.camera_calibration, covariances_of(noise)[1]
-    by_views = joint[1] is not None and INTRINSICS in joint[1].names
+    by_views = joint[1] is not None and INTRINSICS in joint[1].keys
     by_corners = camera is not None and is_joint(camera) and seen is not None and "fx" in seen.estimated
     return found | {FOCAL_LENGTH} if by_views or by_corners else found
 
@@ -211,7 +211,7 @@ def inflation(found: Autocorrelation) -> float:
 
 def shared_lengths(
     first: Array, second: Array, data: PosePairs | Motions, poses: PosePairs | None, on_poses: bool
-) -> dict[str, tuple[int, Array] | None]:
+) -> dict[ErrorKey, tuple[int, Array] | None]:
     """Side and change of its translations (n, 3) for a relative error 1; None where it is not known.
 
     ``first`` and ``second`` are the poses (motions) of robot and camera, corrected by the fit.
@@ -232,28 +232,28 @@ def shared_lengths(
 
 def scale_errors(
     fit: Fit,
-    lengths: dict[str, tuple[int, Array] | None],
+    lengths: dict[ErrorKey, tuple[int, Array] | None],
     inflation: float,
-    covered: Collection[str] = (),
+    covered: Collection[ErrorKey] = (),
 ) -> tuple[ScaleError, ...]:
     """Return the effect and the visibility of each of the ``lengths``; ``covered`` are those that the noise holds."""
-    known = {name: value for name, value in lengths.items() if value is not None}
+    known = {key: value for key, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
     k = np.concatenate(changes, axis=-1)  # (n, 6, probes)
     score, response, left = fit.told(k)
     before, after = np.sum(whiten(fit.weighted_factor, k) ** 2, axis=(0, 1)), 1.0 - np.diag(left)
     to_unit = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6]))
     found: list[ScaleError] = []
-    for name, value in lengths.items():
+    for key, value in lengths.items():
         reason, shift, size, visible, estimate, sd = None, np.zeros(6), 0.0, False, 0.0, 0.0
         if value is None:
-            reason = Finding("diagnostics.scale_unknown", "note", {"name": name})
+            reason = Finding("diagnostics.scale_unknown", "note", {"name": str(key)})
         else:
-            m = list(known).index(name)
+            m = list(known).index(key)
             shift = REPORTED_SCALE * response[:6, m]
             size = float(np.linalg.norm(to_unit @ shift))
             if visible := bool(after[m] > max(1e-9 * before[m], MIN_EXPLAINED_RATIO * 3 * len(k))):
                 estimate, sd = float(score[m] / after[m]), inflation / float(np.sqrt(after[m]))
         z = estimate / sd if visible else 0.0
-        found.append(ScaleError(name, reason, shift, size, visible, estimate, sd, z, name in covered))
+        found.append(ScaleError(key, reason, shift, size, visible, estimate, sd, z, key in covered))
     return tuple(found)

@@ -17,7 +17,8 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED, RARE
 from ...errors import InputError
 from ...findings import Finding, renumbered, texts
-from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
+from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.keys import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import Autocorrelation, Normality, Regression
 
 # What a finding holds.
@@ -117,7 +118,7 @@ class Diversity(Record):
 class ScaleError(Record):
     """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
 
-    name: str
+    key: ErrorKey
     reason: Finding | None  # why its effect is not known
     shift: Annotated[Array, 6]  # (6,) of X for 0.1 %, rad and m
     shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
@@ -126,6 +127,11 @@ class ScaleError(Record):
     sd: float
     z: float
     covered: bool  # the noise holds it: declared, or the focal length estimated with the camera poses
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
     @property
     def asked_for(self) -> bool:
@@ -196,8 +202,8 @@ class Diagnostics(Record):
         numbers = self.numbers
         if numbers is not None and (len(numbers) != self.n or min(numbers, default=0) < 0):
             raise InputError(f"Expected {self.n} row numbers among the diagnostics, got {numbers!r:.60}.")
-        if tuple(probe.name for probe in self.probes) != PROBED:
-            raise InputError(f"Expected the errors of {', '.join(PROBED)} among the diagnostics.")
+        if tuple(probe.key for probe in self.probes) != PROBED:
+            raise InputError(f"Expected the errors of {', '.join(map(str, PROBED))} among the diagnostics.")
         if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in self.probes):
             raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
         for name in ("autocorrelation", "normality", "regression"):

@@ -13,6 +13,14 @@ from ...core.formatting.numbers import concise, digits, multiple, probability, s
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.numbers.levels import UNUSUAL
 from ...findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
+from ...model.error_terms.keys import (
+    CLOCK_OFFSET,
+    FOCAL_LENGTH,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    ROBOT_SCALE,
+    TARGET_SCALE,
+)
 
 # The values of a finding, by name.
 Values: TypeAlias = Mapping[str, Any]
@@ -266,18 +274,21 @@ sentence(
 
 # Options that declare an error, and a value that takes a measurement: better than what is assumed.
 DECLARE = {
-    "focal length": ("--focal-sd", "0.03%"),
-    "principal point": ("--principal-point-sd", "0.0003"),
-    "target scale": ("--target-scale-sd", "0.01%"),
-    "robot scale": ("--robot-scale-sd", "0.005%"),
-    "robot accuracy": ("--robot-accuracy", "0.2mm,0.02deg"),
-    "clock offset": ("--offset-sd", "0.1ms"),
+    FOCAL_LENGTH: ("--focal-sd", "0.03%"),
+    PRINCIPAL_POINT: ("--principal-point-sd", "0.0003"),
+    TARGET_SCALE: ("--target-scale-sd", "0.01%"),
+    ROBOT_SCALE: ("--robot-scale-sd", "0.005%"),
+    ROBOT_ACCURACY: ("--robot-accuracy", "0.2mm,0.02deg"),
+    CLOCK_OFFSET: ("--offset-sd", "0.1ms"),
 }
+
+
+_OPTIONS = {str(key): option for key, option in DECLARE.items()}
 
 
 def _declare(values: Values) -> str:
     name, found = values["errors"][0]["name"], abs(float(values["errors"][0]["estimate"]))
-    option = f"{DECLARE[name][0]} {digits(100 * found, 1)}%" if name in DECLARE else "--shared defaults"
+    option = f"{_OPTIONS[name][0]} {digits(100 * found, 1)}%" if name in _OPTIONS else "--shared defaults"
     return f"measure the {name}, or declare an uncertainty that holds what was found: {option}"
 
 

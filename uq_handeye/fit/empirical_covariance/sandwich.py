@@ -283,7 +283,7 @@ def of_known(fit: Fit) -> Array:
 def _declared(fit: Fit) -> bool:
     """Return whether all that the poses share are errors with a name."""
     S = joint_of(fit.S)
-    return S is not None and all(S.names)
+    return S is not None and all(S.keys)
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:

@@ -20,11 +20,11 @@ from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array, perturb
 from ...core.numbers.rounding import CHAIN_ROUNDING, EPS
 from ...errors import InputError
-from ...model.noise.camera_noise import INTRINSICS
-from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.error_terms.key import ErrorKey, Owner
+from ...model.error_terms.keys import DRIFTS, INTRINSICS
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise
 from ...model.posterior.posterior import Posterior
-from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from ...model.shared_errors.sizes import RobotAccuracy
 from .constraint import MIN_RESOLVED_SHARE, covariances_of
@@ -47,8 +47,7 @@ class SharedEstimate(Record):
 
     _if_any: ClassVar[str] = "accuracy told"
 
-    name: str
-    error: str  # the name of the `SharedError` that it is a part of
+    key: ErrorKey
     side: str  # "robot" or "camera"
     unit: str  # "" for relative ones, else such as "rad" or "s"
     prior_sd: float  # where its size was open, the one that the data settle on
@@ -65,6 +64,11 @@ class SharedEstimate(Record):
     stated: str = ""  # the prior in words, where the number is in units of it
     accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
     told: float | None = None  # share of the prior variance that the data remove, at the estimated sizes
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
     @property
     def resolved(self) -> float:
@@ -108,26 +112,27 @@ class GroupTest(NamedTuple):
 
 
 def posterior_of_fit(
-    fit: Fit, noise: Noise, errors: Sequence[SharedError], beside: Mapping[str, Array] | None = None
+    fit: Fit, noise: Noise, errors: Sequence[SharedError], beside: Mapping[ErrorKey, Array] | None = None
 ) -> Posterior:
     """Return the posterior of the unknown poses, of those errors that the noise has columns of, and of what the
-    intrinsics of the camera do to its poses (columns without a name of their own).
+    intrinsics of the camera do to its poses (columns without a key of their own).
 
     ``beside`` are moves (p,) or (p, r) of the poses by errors that the noise does not hold.
     """
     C, p = fit.covariance, fit.linear.J.shape[-1]
-    columns: dict[str, Array] = {}
-    sd: dict[str, float] = {}
+    columns: dict[ErrorKey, Array] = {}
+    sd: dict[ErrorKey, float] = {}
     for side, S, D in zip(noise.sides, map(joint_of, covariances_of(noise)), fit.linear.sides, strict=True):
-        for j, name in enumerate(() if S is None else S.names):
+        for j, key in enumerate(() if S is None else S.keys):
             assert S is not None
-            if side == "camera" and name in ("", INTRINSICS):
-                name = f"{INTRINSICS}: {j}"
-                sd[name] = 1.0
-            columns[name] = (D @ S.shared[..., j, None])[..., 0]
-    of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
-    sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
-    f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((*fit.residual.shape, 0))
+            if side == "camera" and key in (None, INTRINSICS):
+                key = INTRINSICS.number(j)
+                sd[key] = 1.0
+            if key is not None:
+                columns[key] = (D @ S.shared[..., j, None])[..., 0]
+    of_errors = {key: float(s) for error in errors for key, s in zip(error.keys, error.sd, strict=True)}
+    sd = {key: s for key, s in (of_errors | sd).items() if key in columns}
+    f = np.stack([columns[key] for key in sd], axis=-1) if sd else np.zeros((*fit.residual.shape, 0))
     unit = np.array(list(sd.values()))
     z, response, left = fit.told(f)
     left = left * np.outer(unit, unit)
@@ -147,8 +152,8 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
     if S is None or p < 12:
         return None
     found = np.zeros((p, p))
-    for place, name in ((slice(0, 6), f"{DRIFT} camera"), (slice(6, 12), f"{DRIFT} target")):
-        of = [j for j, part in enumerate(S.names) if group_of(part).endswith(name)]
+    for place, moved in ((slice(0, 6), Owner.CAMERA), (slice(6, 12), Owner.TARGET)):
+        of = [j for j, key in enumerate(S.keys) if key is not None and key.error == DRIFTS[moved]]
         if of:
             f = fit.linear.sides[1] @ S.shared[..., of]
             z, _, left = fit.told(f)
@@ -169,7 +174,7 @@ def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -
     return found[0], found[1]
 
 
-def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) -> GroupTest | None:
+def group_test(posterior: Posterior, errors: Sequence[SharedError], error: ErrorKey) -> GroupTest | None:
     """Test whether the estimates of the numbers of an error are as large as assumed.
 
     In units of the prior and along the eigenvectors of what the data tell, ``I - P = V diag(v) V^T``, an estimate has
@@ -177,9 +182,9 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
     numbers say little of s. s is the one of largest likelihood, p that of the likelihood ratio to s = 1 (chi-square
     with one degree of freedom, asymptotically). None where the data say nothing.
     """
-    sd = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
-    of = [k for k, name in enumerate(posterior.names) if group_of(name) == group and name in sd]
-    unit, at = np.array([sd[posterior.names[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
+    sd = {key: float(s) for one in errors for key, s in zip(one.keys, one.sd, strict=True)}
+    of = [k for k, key in enumerate(posterior.keys) if key.source == error and key in sd]
+    unit, at = np.array([sd[posterior.keys[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
     left = posterior.covariance[np.ix_(at, at)] / np.outer(unit, unit)
     values, vectors = np.linalg.eigh(np.eye(len(unit)) - left)
     heard = values > MIN_EXPLAINED_RATIO * MIN_RESOLVED_SHARE
@@ -196,25 +201,25 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
 
 def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[SharedEstimate, ...]:
     """Return what the posterior says of the errors, in their order; shares are of the covariance of the fit."""
-    place = {name: k for k, name in enumerate(posterior.names)}
+    place = posterior.place
     parts = [
-        (error, name, float(s), place[name])
+        (error, key, float(s), place[key])
         for error in errors
-        for name, s in zip(error.parts, error.sd, strict=True)
-        if name in place
+        for key, s in zip(error.keys, error.sd, strict=True)
+        if key in place
     ]
     if not parts:
         return ()
     to_unit, p, found = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6])), posterior.p, []
-    for error, name, sd, k in parts:
+    for error, key, sd, k in parts:
         left = float(np.clip(posterior.covariance[p + k, p + k] / sd**2, EPS, 1.0))
         told, value, effect = 1.0 - left, float(posterior.estimate[k]), posterior.covariance[:6, p + k] / sd
         says = told > CHAIN_ROUNDING
-        if error.name in OF_LENGTHS:
+        if error.key in OF_LENGTHS:
             says = says and told > MIN_EXPLAINED_RATIO * 3 * len(fit.residual) * left * sd * sd
         found.append(
             SharedEstimate(
-                name, error.name, error.side, error.unit, sd, value,
+                key, error.side, error.unit, sd, value,
                 sd * float(np.sqrt(left)),
                 value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
                 effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),

@@ -1,6 +1,6 @@
 r"""Groups of shared errors: the numbers of one error, such as one for each joint, and their share of the variance of X.
 
-The numbers of one error have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves
+With the moves
 ``E = [d_1 .. d_k]`` (6, k) of X for one prior standard deviation of each after the fit, the variance of X along u that
 comes from all of them is ``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest
 eigenvalue of ``E^T C^-1 E``. It is not the sum of the shares of the single numbers: directions differ.
@@ -15,17 +15,22 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import SOLUTION_ROUNDING
-from ...model.noise.joint_covariance import group_of
+from ...model.error_terms.key import ErrorKey
 from .shared_estimates import SharedEstimate
 
 
 @dataclass(frozen=True)
 class SharedGroup:
-    """The numbers of one error; or one number by itself, whose ``name`` is its own then."""
+    """The numbers of one error; or one number by itself, whose ``key`` is its own then."""
 
-    name: str
+    key: ErrorKey
     parts: tuple[SharedEstimate, ...]
     share: float  # of the variance of X by all parts, in the direction where it matters most
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
     @property
     def count(self) -> int:
@@ -59,15 +64,15 @@ def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> li
     """Group the estimates in their order; ``covariance`` (6, 6) of X is the one that their effects were found
     beside.
     """
-    groups: dict[str, list[SharedEstimate]] = {}
+    groups: dict[ErrorKey, list[SharedEstimate]] = {}
     for estimate in estimates:
-        groups.setdefault(group_of(estimate.name), []).append(estimate)
+        groups.setdefault(estimate.key.source, []).append(estimate)
     found = []
-    for name, parts in groups.items():
+    for key, parts in groups.items():
         if len(parts) == 1:
-            found.append(SharedGroup(parts[0].name, (parts[0],), parts[0].share))
+            found.append(SharedGroup(parts[0].key, (parts[0],), parts[0].share))
         else:
-            found.append(SharedGroup(name, tuple(parts), joint_share(parts, covariance)))
+            found.append(SharedGroup(key, tuple(parts), joint_share(parts, covariance)))
     return found
 
 

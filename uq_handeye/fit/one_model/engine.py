@@ -46,9 +46,9 @@ from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import TINY
 from ...core.runtime.read_only import ReadOnlyArrays
+from ...model.error_terms.term import SIDES, ErrorTerm
 from ...model.noise.cholesky import checked_cholesky, inverse_factor
 from ..likelihood.constraint import MIN_RESOLVED_SHARE, Linearised
-from .component import SIDES, Component
 
 # Added to the diagonal of H scaled to ones, which rounding may otherwise leave not positive definite. Results
 # depend on it where the data hardly determine X: 4e-15 more changes covariances of real data by up to 1e-6.
@@ -159,7 +159,7 @@ class LatentModel(ReadOnlyArrays):
 
     J: Array  # (n, d, p), d = 6 where a group is one pose
     r: Array  # (n, d)
-    components: tuple[Component, ...]
+    components: tuple[ErrorTerm, ...]
     shared: Array  # (n, d, m) D K of all shared components, side by side
     blocks: dict[int, Array]  # (n, d, d) D B B^T D^T of the components that have a part drawn again, by their number
     known: Array | None = None  # (n, d, d) covariance that has no size
@@ -171,7 +171,7 @@ class LatentModel(ReadOnlyArrays):
     def of(
         cls,
         linear: Linearised,
-        components: Sequence[Component],
+        components: Sequence[ErrorTerm],
         J: Array | None = None,
         known: Array | None = None,
         prior: Array | None = None,

@@ -1,6 +1,6 @@
 r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
 
-Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera
+Every error that a request declares or leaves to the data is an `ErrorTerm`: the noise of both sides, that of camera
 poses by their corners or their views, the errors that all poses share (`SharedError`), the arm. Their sizes are
 estimated jointly (`mode`), near the unknowns that robust weights start from; at the end they are integrated over
 (`integration`). The result is a `PoseNoise` with the estimated sizes and named columns, and the contribution of the
@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,22 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import INTERVAL
 from ...core.numbers.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import InputError, NotConvergedError
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import (
+    BY_VIEW,
+    CAMERA_EXCESS,
+    DEPTH,
+    INTRINSICS,
+    JOINT_NOISE,
+    PICTURE_SHIFT,
+    PIXELS,
+    ROBOT_SHARED,
+)
+from ...model.error_terms.term import ErrorTerm
 from ...model.kinematics.errors import LENGTHS
-from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
+from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, KinematicColumns
 from ...model.noise.camera_noise import CameraNoise
-from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
+from ...model.noise.estimate import NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
@@ -34,21 +47,16 @@ from ...model.noise.square_roots import Covariance
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm
 from ...model.shared_errors.shared_error import SharedError
-from ...model.shared_errors.sizes import SIZES, Size
+from ...model.shared_errors.sizes import BY_NAME, SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..likelihood.starts import ROUGH_STEP_SD
-from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
 from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, other_modes
 
-KINDS = ("rotation", "translation")
-PIXELS = "pixel noise"
-BY_VIEW = "camera by view"
-# Noise of the camera poses along the viewing direction, in addition to that of all axes.
-DEPTH = "camera depth"
+KINDS = (Kind.ROTATION, Kind.TRANSLATION)
 # Largest number of times that the model is linearised.
 MAX_LINEARISATIONS = 6
 # The sizes need not be exact before the unknowns and the robust weights are final: a step that would decrease f by less
@@ -82,7 +90,7 @@ class JointModel:
     excess: JointCovariance | None = None  # of the camera in addition to its covariance from corners, per pixel^2
     shift: Array | None = None  # (n, 6, 2) of the camera where all corners of a picture are shifted, per pixel
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
-    more: tuple[Component, ...] = ()  # of the user's own
+    more: tuple[ErrorTerm, ...] = ()  # of the user's own
     by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
     nothing_open: bool = False  # all rows together determine all of X and W: not looked at again
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
@@ -126,25 +134,25 @@ class JointModel:
         return self.constraint.sides
 
     @cached_property
-    def components(self) -> tuple[Component, ...]:
+    def components(self) -> tuple[ErrorTerm, ...]:
         """All components with something to move; raises `InputError` for a size of none of them."""
         found = [*self._noise(), *self._shared(), *self._arm(), *self.more]
         names = [part.name for part in found]
         if unknown := [name for name in self.sizes if name not in names]:
             near = get_close_matches(unknown[0], names, 3, 0.3) or names
-            absent = "that is known, but not here" if unknown[0] in SIZES else "of no known error"
+            absent = "that is known, but not here" if unknown[0] in BY_NAME else "of no known error"
             raise InputError(
                 f"Expected sizes of errors of this request, got {unknown[0]!r}, a name {absent}. Near it: "
                 f"{', '.join(near)}."
             )
         return tuple(self._sized(part) for part in found)
 
-    def _sized(self, part: Component) -> Component:
+    def _sized(self, part: ErrorTerm) -> ErrorTerm:
         """Return a component with the size that was given for it; of shared errors that of their first number."""
         given = self.sizes.get(part.name)
         if given is None:
             return part
-        unit = next((float(error.sd[0]) for error in self.errors if error.name == part.name), 1.0)
+        unit = next((float(error.sd[0]) for error in self.errors if error.key == part.key), 1.0)
         return replace(part, size=replace(given, median=given.median / unit, unit=given.unit or part.size.unit))
 
     @cached_property
@@ -157,51 +165,51 @@ class JointModel:
                 found[side] = S.own if isinstance(S, JointCovariance) else marginals(S)
         return found
 
-    def _noise(self) -> list[Component]:
+    def _noise(self) -> list[ErrorTerm]:
         values = self.prior.values.reshape(2, 2)
         found = []
         for k, side in enumerate(("robot", "camera")):
             if getattr(self, side) is not None:
                 continue
             for part, (what, block) in enumerate(zip(KINDS, (_TURN, _SHIFT), strict=True)):
-                value, name = float(values[k, part]), f"{self.sides[k]} {what}"
-                size = SIZES[f"{side} {what}"]
+                value, key = float(values[k, part]), ErrorKey(Owner(self.sides[k]), what)
+                size = SIZES[ErrorKey(Owner(side), what)]
                 if not np.isnan(value):
                     size = replace(size, median=value, factor=self.prior.factor, source="declared")
-                found.append(Component(name, side, size, block=block))
+                found.append(ErrorTerm(key, side, size, block=block))
             if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
                 block = view_block(self.poses.camera) if self.by_view is None else self.by_view
-                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=block))
-                found.append(Component(DEPTH, side, SIZES[DEPTH], block=_ALONG))
+                found.append(ErrorTerm(BY_VIEW, side, SIZES[BY_VIEW], block=block))
+                found.append(ErrorTerm(DEPTH, side, SIZES[DEPTH], block=_ALONG))
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
-            names = _named(self.robot, "robot (shared)")
-            found.append(Component("robot (shared)", "robot", Size(1.0), columns=self.robot.shared, parts=names))
+            keys = _keys(self.robot, ROBOT_SHARED)
+            found.append(ErrorTerm(ROBOT_SHARED, "robot", Size(1.0), columns=self.robot.shared, keys=keys))
         return found
 
-    def _known_camera(self) -> list[Component]:
+    def _known_camera(self) -> list[ErrorTerm]:
         S, found = self.camera, []
         if isinstance(S, CameraNoise):
             own, scaled = S.scaled()
             size = SIZES[PIXELS] if S.pixel_sd is None else Size(S.pixel_sd, 1.0, "px", "declared")
-            of_all = np.array(_named(S.joint, "intrinsics"))
-            parts = tuple(of_all[S.scales].tolist())
-            found.append(Component(PIXELS, "camera", size, scaled, np.asarray(np.linalg.cholesky(own)), parts))
+            of_all = _keys(S.joint, INTRINSICS)
+            keys = tuple(compress(of_all, S.scales))
+            found.append(ErrorTerm(PIXELS, "camera", size, scaled, np.asarray(np.linalg.cholesky(own)), keys))
             if not S.scales.all():
-                rest = tuple(of_all[~S.scales].tolist())
-                found.append(Component("intrinsics", "camera", Size(1.0), columns=S.fixed(), parts=rest))
+                rest = tuple(compress(of_all, ~S.scales))
+                found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.fixed(), keys=rest))
         elif isinstance(S, JointCovariance):
-            names = _named(S, "intrinsics")
-            found.append(Component("intrinsics", "camera", Size(1.0), columns=S.shared, parts=names))
+            keys = _keys(S, INTRINSICS)
+            found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.shared, keys=keys))
         if self.excess is not None:
             found.append(
-                Component(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
+                ErrorTerm(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
             )
         if self.shift is not None:
-            found.append(Component(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
+            found.append(ErrorTerm(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
         return found
 
-    def _shared(self) -> list[Component]:
+    def _shared(self) -> list[ErrorTerm]:
         found = []
         for error in self.errors:
             if error.is_exact:
@@ -209,28 +217,28 @@ class JointModel:
             assert self.poses is not None
             size = Size(1.0, error.factor)
             columns, known = error.at(self.poses) * error.sd, error.sd > 0
-            parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
+            keys = tuple(compress(error.keys, known))
             rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
-            found.append(Component(error.name, error.side, size, columns[..., known], rest, parts))
+            found.append(ErrorTerm(error.key, error.side, size, columns[..., known], rest, keys))
         return found
 
-    def _arm(self) -> list[Component]:
+    def _arm(self) -> list[ErrorTerm]:
         if self.arm is None:
             return []
         given, found = self.arm.given, []
         for group, sd in given.standard_deviations.items():
-            of = np.array([name == group for name in self.arm.groups], dtype=bool)
+            of = self.arm.of(group)
             if not of.any():
                 continue
             declared = given.how == DECLARED
             size = Size(sd, 1.0 if declared else given.population.factor, "m" if group == LENGTHS else "rad")
-            parts = tuple(name for name, is_of in zip(self.arm.names, of, strict=True) if is_of)
+            key, keys = ErrorKey(Owner.ROBOT, group), tuple(compress(self.arm.keys, of))
             block = None if self.arm.elbow is None else self.arm.elbow[..., of[: self.arm.elbow.shape[-1]]]
-            found.append(Component(group, "robot", size, columns=self.arm.F[..., of], block=block, parts=parts))
+            found.append(ErrorTerm(key, "robot", size, columns=self.arm.F[..., of], block=block, keys=keys))
         joint_sd = given.joint_sd
         size = SIZES[JOINT_NOISE] if joint_sd is None else Size(float(joint_sd), 1.0, "rad", "declared")
         if size.median > 0:
-            found.append(Component(JOINT_NOISE, "robot", size, block=self.arm.J))
+            found.append(ErrorTerm(JOINT_NOISE, "robot", size, block=self.arm.J))
         return found
 
     # ------------------------------------------------------------------------------------------- estimation
@@ -329,7 +337,7 @@ class JointModel:
         constraint: Constraint,
         at: Unknowns,
         kept: NDArray[np.intp],
-        components: tuple[Component, ...],
+        components: tuple[ErrorTerm, ...],
         nothing_open: bool,
     ) -> tuple[LatentModel, Reduced]:
         linear = constraint.linearise(at, constraint.first, constraint.second)
@@ -378,21 +386,21 @@ class FoundSizes:
         """Posterior with the sizes integrated over."""
         return integrate(self.model, [self.mode, *self.others])
 
-    def probability_of(self, name: str, beyond: float) -> float:
+    def probability_of(self, key: ErrorKey, beyond: float) -> float:
         """Return the probability that a shared error of one number is larger than ``beyond``, whatever its sign.
 
         In the unit of the error (relative for the target scale and the focal length), with all sizes integrated over
         and all modes counted by their evidence: ``P(|target scale| > 0.003)`` is that of a target of another size.
-        Raises `InputError` for a name without such a number.
+        Raises `InputError` for an error without such a number.
         """
-        numbers = [k for k, part in enumerate(self.source.components) if part.name == name and part.count == 1]
+        numbers = [k for k, part in enumerate(self.source.components) if part.key == key and part.count == 1]
         if not numbers or beyond < 0:
             single = [part.name for part in self.source.components if part.count == 1]
             raise InputError(
-                f"Expected `name` of an error of one number ({', '.join(single)}) and `beyond` >= 0, got {name!r}, "
+                f"Expected an error of one number ({', '.join(single)}) and `beyond` >= 0, got {str(key)!r}, "
                 f"{beyond:g}."
             )
-        unit = next((float(error.sd[0]) for error in self.source.errors if error.name == name), 1.0)
+        unit = next((float(error.sd[0]) for error in self.source.errors if error.key == key), 1.0)
         place, found = self.model.place(numbers[0]), 0.0
         for weight, theta in zip(self.mixture.weights.tolist(), self.mixture.theta, strict=True):
             at = self.model.conditional(theta)
@@ -400,10 +408,10 @@ class FoundSizes:
             found += weight * float(ndtr((mean - beyond) / sd) + ndtr((-mean - beyond) / sd))
         return found
 
-    def sizes_at(self, theta: Array) -> dict[str, float]:
-        """Sizes by the names of the components."""
+    def sizes_at(self, theta: Array) -> dict[ErrorKey, float]:
+        """Sizes of the errors."""
         sizes = self.model.sizes(theta).tolist()
-        return {part.name: size for part, size in zip(self.source.components, sizes, strict=True)}
+        return {part.key: size for part, size in zip(self.source.components, sizes, strict=True)}
 
     @property
     def noise(self) -> Noise | None:
@@ -422,8 +430,8 @@ class FoundSizes:
         return self._noise_by(self.sizes)
 
     @cached_property
-    def sizes(self) -> dict[str, float]:
-        """Sizes by name, integrated over."""
+    def sizes(self) -> dict[ErrorKey, float]:
+        """Sizes of the errors, integrated over."""
         return self.sizes_at(self.mixture.mean_theta)
 
     @cached_property
@@ -437,7 +445,7 @@ class FoundSizes:
         of_points = np.diag(mixture.covariance_theta) / max(1.0 - float(mixture.weights @ mixture.weights), 0.1)
         return np.asarray(np.sqrt(np.maximum(of_points, np.diag(np.linalg.inv(self.mode.state.information)))))
 
-    def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
+    def _noise_by(self, sizes: dict[ErrorKey, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
         """Noise by sizes; ``turns`` (r, energies) of the columns of a side: those that are faint go to each pose."""
         source = self.source
         sides: dict[str, Covariance | None] = {}
@@ -445,17 +453,17 @@ class FoundSizes:
             own: Array | None = source.known.get(side)
             own = None if own is not None and not own.any() else own
             columns: list[Array] = []
-            names: list[str] = []
+            keys: list[ErrorKey] = []
             for part in source.components:
                 if part.side != side:
                     continue
-                s = sizes[part.name]
+                s = sizes[part.key]
                 if part.block is not None:
                     more = s * s * part.block @ part.block.mT
                     own = more if own is None else own + more
                 if part.columns is not None:
                     columns.append(s * part.columns)
-                    names += part.parts
+                    keys += part.keys
             if columns:
                 n = source.constraint.n
                 each = np.zeros((n, 6, 6)) if own is None else np.broadcast_to(own, (n, 6, 6))
@@ -463,8 +471,8 @@ class FoundSizes:
                 if turns is not None:
                     turn, energy = turns[side]
                     faint = shared @ turn[:, energy < ROUGH_GAIN]
-                    shared, each, names = shared @ turn[:, energy >= ROUGH_GAIN], each + faint @ faint.mT, []
-                sides[side] = JointCovariance(each, shared, tuple(names))
+                    shared, each, keys = shared @ turn[:, energy >= ROUGH_GAIN], each + faint @ faint.mT, []
+                sides[side] = JointCovariance(each, shared, tuple(keys))
             else:
                 sides[side] = own
         if source.constraint.item == "pose":
@@ -473,11 +481,16 @@ class FoundSizes:
         return PairNoise(A, B)
 
     @cached_property
+    def of_arm(self) -> dict[Kind, float]:
+        """Sizes of the errors of the arm and of the noise of its joints, by kind."""
+        return {kind: self.sizes.get(ErrorKey(Owner.ROBOT, kind), 0.0) for kind in (*DECLARED_AS, Kind.JOINT_NOISE)}
+
+    @cached_property
     def errors(self) -> tuple[SharedError, ...]:
         """Errors that all poses share, those of the arm among them, with the standard deviations found."""
-        found = [error.of_size(self.sizes.get(error.name, 1.0)) for error in self.source.errors]
+        found = [error.of_size(self.sizes.get(error.key, 1.0)) for error in self.source.errors]
         if self.source.arm is not None:
-            found += errors_of_arm(self.source.arm, {group: self.sizes.get(group, 0.0) for group in DECLARED_AS})
+            found += errors_of_arm(self.source.arm, self.of_arm)
         return tuple(found)
 
     @cached_property
@@ -493,8 +506,8 @@ class FoundSizes:
         return np.asarray(moves if self.reduced.basis is None else self.reduced.basis @ moves)
 
 
-def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:
-    return tuple(name or otherwise for name in S.names)
+def _keys(S: JointCovariance, otherwise: ErrorKey) -> tuple[ErrorKey, ...]:
+    return tuple(key or otherwise for key in S.keys)
 
 
 def _root(S: Array) -> Array:

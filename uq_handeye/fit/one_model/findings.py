@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict
 
 import numpy as np
 from scipy.special import ndtr
@@ -12,7 +11,9 @@ from ...core.files.json_values import Json, JsonObject
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
-from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, together
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, PIXELS
+from ...model.noise.estimate import Component, together
 from ...model.shared_errors.sizes import SIZES
 from .estimation import INTERVAL_SD, FoundSizes
 
@@ -25,25 +26,27 @@ MAX_NOISE_PX = 1.5
 
 
 def noise_findings(
-    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, sheet: frozenset[str]
+    parts: dict[ErrorKey, Component], sides: tuple[Owner, Owner], rotation_told: bool, sheet: frozenset[ErrorKey]
 ) -> tuple[Finding, ...]:
     """Return what the data can and cannot tell; ``sheet`` names what the data sheet decides."""
     found = []
-    sums = [parts[together(what, sides)] for what in ("rotation", "translation")]
+    sums = [parts[together(what, sides)] for what in (Kind.ROTATION, Kind.TRANSLATION)]
     for what, which in (
-        ("told_by_data", [part for part in sums if part.name not in sheet]),
-        ("from_data_sheet", [part for part in sums if part.name in sheet]),
+        ("told_by_data", [part for part in sums if part.key not in sheet]),
+        ("from_data_sheet", [part for part in sums if part.key in sheet]),
     ):
         if which:
             found.append(_note(what, components=_plain(which)))
-    rotations, translations = ([parts[f"{side} {what}"] for side in sides] for what in ("rotation", "translation"))
+    rotations, translations = (
+        [parts[ErrorKey(side, what)] for side in sides] for what in (Kind.ROTATION, Kind.TRANSLATION)
+    )
     known = [part.status in ("fixed", "prior") for part in rotations]
     if not rotation_told:
         found.append(_note("rotation_open", sides=sides, components=_plain(rotations)))
     elif not all(known):
         found.append(_note("rotation_told", sides=sides, components=_plain(rotations), with_data_sheet=any(known)))
         found += [
-            _note("rotation_near_zero", component=asdict(part))
+            _note("rotation_near_zero", component=_values(part))
             for part in rotations
             if part.low == 0 and part.status != "fixed"
         ]
@@ -51,7 +54,7 @@ def noise_findings(
         found.append(_by_sheet("rotation", rotations, sides, sheet))
     if translations[0].status == "not told apart":
         found.append(_note("translation_open", sides=sides))
-    elif sums[1].name in sheet:
+    elif sums[1].key in sheet:
         found.append(_by_sheet("translation", translations, sides, sheet))
     else:
         found.append(_note("translation_by_data_sheet", components=_plain(translations)))
@@ -62,15 +65,15 @@ def noise_findings(
 FAR_OUTSIDE_SD = 3.0
 
 
-def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Finding, ...]:
+def beside_camera_findings(parts: dict[ErrorKey, Component], dof: float) -> tuple[Finding, ...]:
     """Report the robot's noise, given the covariance of the camera poses, the noise of their pixels, and what the
     corners of one picture share.
     """
     camera, robot = (
-        [parts[f"{side} {what}"] for what in ("rotation", "translation") if f"{side} {what}" in parts]
-        for side in ("camera", "robot")
+        [parts[key] for what in (Kind.ROTATION, Kind.TRANSLATION) if (key := ErrorKey(side, what)) in parts]
+        for side in (Owner.CAMERA, Owner.ROBOT)
     )
-    pixels = parts.get("pixel noise")
+    pixels = parts.get(PIXELS)
     if len(camera) < 2:
         return ()
     if pixels is None and camera[0].status not in ("from corners", "from points"):
@@ -79,22 +82,22 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
         how = camera[0].status.replace(" ", "_")
         found = [_note(f"camera_{how}", rotation=camera[0].value, translation=camera[1].value)]
     else:
-        found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
+        found = [_note("camera_by_geometry", component=_values(pixels), components=_plain(camera))]
         high = float("inf") if pixels.high is None else pixels.high
         if pixels.status == "estimated" and (pixels.low > MAX_NOISE_PX or high < MAX_NOISE_PX / 100):
             found.append(unusual_pixels(pixels))
     if robot:
         found.append(_note("robot_shows", components=_plain(robot)))
-    for name in (CAMERA_EXCESS, PICTURE_SHIFT):
-        excess = parts.get(name)
+    for key in (CAMERA_EXCESS, PICTURE_SHIFT):
+        excess = parts.get(key)
         if excess is None or excess.high is None or not 0 < excess.low < excess.high:
             continue
         sd = float(np.log(excess.high / excess.low)) / (2.0 * INTERVAL_SD)
-        p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[name].median) - np.log(excess.value)) / sd))
+        p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[key].median) - np.log(excess.value)) / sd))
         if p < UNUSUAL.probability:
             wrong = p < RARE.probability
             values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
-            values |= {"shifted": True} if name == PICTURE_SHIFT else {}
+            values |= {"shifted": True} if key == PICTURE_SHIFT else {}
             found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
     return tuple(found)
 
@@ -102,13 +105,13 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
 def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
     """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
     source, model, mode = found.source, found.model, found.mode
-    units = {error.name: float(error.sd[0]) for error in source.errors}
+    units = {error.key: float(error.sd[0]) for error in source.errors}
     ends: list[JsonObject] = []
     low: list[JsonObject] = []  # of them, those that are smaller than usual
     for place in mode.at_bound:
         part = source.components[int(model.free[place])]
-        unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
-        value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+        unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
+        value, usual = (units.get(part.key, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
         ends.append({"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor})
         if value < usual:
             low.append(ends[-1])
@@ -123,17 +126,17 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
             continue
         beyond = float(mode.theta[place] - model.medians[place]) / np.log(part.size.factor)
         if beyond > FAR_OUTSIDE_SD:
-            unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
-            value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+            unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
+            value, usual = (units.get(part.key, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
             far = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
             listed.append(Finding("noise_estimation.size_far_outside", "caution", far))
             ends.append(far)
     said = {values["error"] for values in (*low, *ends)}
     for error in source.errors:
-        ratio = found.sizes.get(error.name, 1.0)
+        ratio = found.sizes.get(error.key, 1.0)
         if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor) or error.name in said:
             continue
-        declared, of = float(error.sd[0]), SIZES[error.name].unit if error.name in SIZES else error.unit
+        declared, of = float(error.sd[0]), SIZES[error.key].unit if error.key in SIZES else error.unit
         values = {"error": error.name, "of": of, "value": declared * ratio, "usual": declared, "factor": error.factor}
         severity: Severity = "caution" if ratio > 1 else "note"
         listed.append(Finding("noise_estimation.size_at_end", severity, values | {"declared": True}))
@@ -168,16 +171,22 @@ def _share(moves: Array, C: Array, number: int) -> float:
 
 def unusual_pixels(pixels: Component) -> Finding:
     """Noise that no detector has: a caution."""
-    return Finding("noise_estimation.unusual_pixels", "caution", {"component": asdict(pixels)})
+    return Finding("noise_estimation.unusual_pixels", "caution", {"component": _values(pixels)})
 
 
-def _by_sheet(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> Finding:
-    decided = all(part.name in sheet for part in parts)
+def _by_sheet(what: str, parts: list[Component], sides: tuple[Owner, Owner], sheet: frozenset[ErrorKey]) -> Finding:
+    decided = all(part.key in sheet for part in parts)
     return _note("with_data_sheet", what=what, sides=sides, components=_plain(parts), decided=decided)
 
 
 def _plain(parts: Iterable[Component]) -> list[JsonObject]:
-    return [asdict(part) for part in parts]
+    return [_values(part) for part in parts]
+
+
+def _values(part: Component) -> JsonObject:
+    """Return what a sentence says of a standard deviation, with what it is called."""
+    return {"name": part.name, "unit": part.unit, "value": part.value, "low": part.low, "high": part.high,
+            "status": part.status}  # fmt: skip
 
 
 def _note(what: str, /, **values: Json) -> Finding:

@@ -29,16 +29,16 @@ from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.kinematics.kinematic_errors import JOINT_NOISE
-from ...model.noise.camera_noise import INTRINSICS
+from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import BY_VIEW, INTRINSICS, JOINT_NOISE
+from ...model.error_terms.term import ErrorTerm
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.posterior.posterior import Absorbed, FreshNoise, Posterior, SizePoints
 from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.sizes import Size
 from ...model.shared_errors.view import median_distance
-from .component import Component
 from .engine import LatentModel, Rows
-from .estimation import BY_VIEW, FoundSizes
+from .estimation import FoundSizes
 from .integration import integrate
 from .mode import find_mode, other_modes
 
@@ -53,8 +53,8 @@ class OpenSizes(ReadOnlyArrays):
     theta: Array  # (d, k)
     weights: Array  # (d,)
     mean_theta: Array  # (k,)
-    names: tuple[str, ...]  # (k,)
-    order: NDArray[np.intp]  # (q,) columns of the model in the order of the names of `base`
+    keys: tuple[ErrorKey, ...]  # (k,) of the errors whose sizes are open
+    order: NDArray[np.intp]  # (q,) columns of the model in the order of the errors of `base`
     unit: Array  # (q,) of each, in place of that of the model
     beside: Array  # (p, p) of X and W by errors outside the model, independent of the rest; in `base`
 
@@ -103,7 +103,7 @@ class OpenSizes(ReadOnlyArrays):
         back = solve_triangular(factor_of(P), np.eye(len(P)), lower=True)
         whole = back @ to_stated @ self._carried[1]
         means, each = means @ to_stated.T, whole @ covariances @ whole.T + back[:, :p] @ self.beside @ back[:, :p].T
-        points = SizePoints(self.names, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
+        points = SizePoints(self.keys, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
         return replace(self.base, covariance=0.5 * (P + P.T), points=points, source=self)
 
     @cached_property
@@ -125,7 +125,7 @@ class OpenSizes(ReadOnlyArrays):
         mode = find_mode(model, self.mean_theta)
         mixture = integrate(model, [mode, *other_modes(model, mode)])
         sizes = model.sizes(mixture.mean_theta)
-        of = {name: sizes[k] for k, name in enumerate(part.name for part in model.components)}
+        of = {part.key: sizes[k] for k, part in enumerate(model.components)}
         mean, M = self._carried
         at, C = self._told(mixture.mean_theta)
         at, L = M @ (at - mean), factor_of(M @ C @ M.T)
@@ -135,8 +135,8 @@ class OpenSizes(ReadOnlyArrays):
         p, move = model.p, at + told.mean
         by_point = np.array([model.sizes(theta) for theta in mixture.theta])
         fresh = tuple(
-            replace(one, size=float(of[one.name]), by_point=by_point[:, self._number(one.name)])
-            if one.name in of
+            replace(one, size=float(of[one.key]), by_point=by_point[:, self._number(one.key)])
+            if one.key in of
             else replace(one, by_point=np.ones(len(by_point)))
             for one in self.base.noise
         )
@@ -150,8 +150,8 @@ class OpenSizes(ReadOnlyArrays):
         stated[:p, :p] = to_stated[:p, :p] + self.beside
         return Absorbed(replace(after, base=replace(base, covariance=stated)).posterior, move)
 
-    def _number(self, name: str) -> int:
-        return next(k for k, part in enumerate(self.model.components) if part.name == name)
+    def _number(self, key: ErrorKey) -> int:
+        return next(k for k, part in enumerate(self.model.components) if part.key == key)
 
     def _with(self, new: NewRows, by_state: Array, more: Array) -> LatentModel:
         """The model with new rows; what they share by themselves (m, k, z) is a component of known size."""
@@ -160,14 +160,15 @@ class OpenSizes(ReadOnlyArrays):
         shared = np.zeros((m, k, len(u) - p + z))
         shared[..., self.order], shared[..., len(u) - p :] = by_state[..., p:] * self.unit, more
         J = by_state[..., :p]
-        blocks = {self._number(name): S for name, S in new.parts}
+        blocks = {self._number(key): S for key, S in new.parts}
         r = new.r - np.concatenate([J, shared[..., : len(u) - p]], axis=-1) @ u
-        rows = Rows(J, r, shared, blocks, new.own_of(dict.fromkeys((name for name, _ in new.parts), 0.0)))
+        rows = Rows(J, r, shared, blocks, new.own_of(dict.fromkeys((key for key, _ in new.parts), 0.0)))
         wider = [
             of._replace(shared=np.concatenate([of.shared, np.zeros((*of.shared.shape[:2], z))], axis=-1))
             for of in old.groups
         ]
-        own = (Component("new measurements", "robot", Size(1.0), np.zeros((0, 6, z))),) if z else ()
+        of_new = ErrorKey(Owner.ROBOT, Kind.NEW)
+        own = (ErrorTerm(of_new, "robot", Size(1.0), np.zeros((0, 6, z))),) if z else ()
         components = (*old.components, *own)
         return replace(old, shared=wider[0].shared, components=components, others=(*wider[1:], rows))
 
@@ -176,7 +177,15 @@ class OpenSizes(ReadOnlyArrays):
     def to_dict(self) -> JsonObject:
         """Plain numbers and text: the posterior at the mean sizes, and the model whose sizes are open."""
         components = [
-            [part.name, part.side, part.size.median, part.size.factor, part.size.unit, part.size.source, part.count]
+            [
+                part.key.to_dict(),
+                part.side,
+                part.size.median,
+                part.size.factor,
+                part.size.unit,
+                part.size.source,
+                part.count,
+            ]
             for part in self.model.components
         ]
         prior = {} if self.model.prior is None else {"prior": self.model.prior.tolist()}
@@ -194,11 +203,11 @@ class OpenSizes(ReadOnlyArrays):
         """The inverse of `to_dict`."""
         given, base = data["open"], Posterior.from_dict(data)
         components = tuple(
-            Component(name, side, Size(median, factor, unit, source), np.zeros((0, 6, count)))
-            for name, side, median, factor, unit, source, count in given["components"]
+            ErrorTerm(ErrorKey.from_dict(key), side, Size(median, factor, unit, source), np.zeros((0, 6, count)))
+            for key, side, median, factor, unit, source, count in given["components"]
         )
         p, m = base.p, sum(part.count for part in components)
-        k, d, q = sum(not part.size.is_known for part in components), len(given["weights"]), len(base.names)
+        k, d, q = sum(not part.size.is_known for part in components), len(given["weights"]), len(base.keys)
         rows = [_rows_of(of, p, m, len(components)) for of in given["rows"]]
         prior = None if given.get("prior") is None else array_of(given["prior"], (p + 1, p + 1), "posterior.prior")
         first = rows[0]
@@ -219,7 +228,7 @@ class OpenSizes(ReadOnlyArrays):
         found["order"] = found["order"].astype(np.intp)
         if not (found["weights"] >= 0).all() or not np.isclose(found["weights"].sum(), 1.0):
             raise ValueError("the weights of the posterior are no probabilities")
-        result = cls(base, model=model, names=tuple(components[k].name for k in model.free), **found)
+        result = cls(base, model=model, keys=tuple(components[k].key for k in model.free), **found)
         with np.errstate(all="ignore"):
             try:
                 parts = result.posterior.covariance, *result._mixture
@@ -264,25 +273,25 @@ def with_open_sizes(base: Posterior, of_poses: Array, beside: Array, found: Foun
     model, mixture, source = found.model, found.mixture, found.source
     sizes = np.array([model.sizes(theta) for theta in mixture.theta])  # (d, components)
     base = replace(base, noise=_fresh(found, sizes))
-    free = [source.components[k].name for k in model.free]
+    free = [source.components[k].key for k in model.free]
     if not free or found.reduced.basis is not None or model.p != base.p:
         return base
     settled = model.sizes(mixture.mean_theta)
-    sd = {part: float(s) for error in found.errors for part, s in zip(error.parts, error.sd, strict=True)}
-    place: dict[str, tuple[int, float]] = {}
+    sd = {key: float(s) for error in found.errors for key, s in zip(error.keys, error.sd, strict=True)}
+    place: dict[ErrorKey, tuple[int, float]] = {}
     column = {"robot": 0, "camera": 0}  # numbers of the columns of a side, by which intrinsics are named
     at = 0
     for k, part in enumerate(source.components):
-        for name in part.parts:
-            if part.side == "camera" and name in ("", INTRINSICS):
-                name = f"{INTRINSICS}: {column[part.side]}"
-            place[name] = at, sd.get(name, 1.0) / float(settled[k])
+        for key in part.keys:
+            if part.side == "camera" and key == INTRINSICS:
+                key = INTRINSICS.number(column[part.side])
+            place[key] = at, sd.get(key, 1.0) / float(settled[k])
             column[part.side] += 1
             at += 1
-    if not set(base.names) <= place.keys():
+    if not set(base.keys) <= place.keys():
         return base
-    order = np.array([place[name][0] for name in base.names], dtype=np.intp)
-    unit = np.array([place[name][1] for name in base.names])
+    order = np.array([place[key][0] for key in base.keys], dtype=np.intp)
+    unit = np.array([place[key][1] for key in base.keys])
     return OpenSizes(
         base, of_poses, model, mixture.theta, mixture.weights, mixture.mean_theta, tuple(free), order, unit,
         beside,
@@ -296,16 +305,18 @@ def _fresh(found: FoundSizes, sizes: Array) -> tuple[FreshNoise, ...]:
     free = set(found.model.free.tolist())
     for side in ("robot", "camera"):
         if side in source.known and source.known[side].any():
-            listed.append(FreshNoise("given", side, _mean(source.known[side]), 1.0, np.ones(len(sizes))))
+            listed.append(
+                FreshNoise(ErrorKey(Owner(side), Kind.GIVEN), side, _mean(source.known[side]), 1.0, np.ones(len(sizes)))
+            )
     for k, part in enumerate(source.components):
         if part.block is None:
             continue
-        name, distance = part.name, 0.0
-        if name == BY_VIEW and source.poses is not None:
+        key, distance = part.key, 0.0
+        if key == BY_VIEW and source.poses is not None:
             distance = median_distance(source.poses.camera)
-        covariance = np.zeros((6, 6)) if name == JOINT_NOISE else _mean(part.block @ part.block.mT)
+        covariance = np.zeros((6, 6)) if key == JOINT_NOISE else _mean(part.block @ part.block.mT)
         by_point = sizes[:, k] if free else np.zeros(0)
-        listed.append(FreshNoise(name, part.side, covariance, float(settled[k]), by_point, distance))
+        listed.append(FreshNoise(key, part.side, covariance, float(settled[k]), by_point, distance))
     return tuple(replace(one, by_point=one.by_point if free else np.zeros(0)) for one in listed)
 
 

@@ -107,7 +107,7 @@ class Calibrated:
         w, s = self.bundle.weights, self.bundle.pixel_noise
         found = self.covariance
         own = found.own * (w / s**2)[:, None, None]
-        return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.names)
+        return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.keys)
 
     @property
     def by_shift(self) -> Array:

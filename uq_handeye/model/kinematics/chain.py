@@ -381,7 +381,7 @@ class Kinematics(ReadOnlyArrays):
         kept = np.flatnonzero(sd)
         J = self.jacobian(values) * noise
         F = self.columns(values)[..., kept] * -sd[kept]
-        return JointCovariance(J @ J.mT, F, tuple(self.errors[k].name for k in kept))
+        return JointCovariance(J @ J.mT, F, tuple(self.errors[k].key for k in kept))
 
     def to_dict(self) -> JsonObject:
         """Return the nominal chain as plain text and numbers, for files; None is a limit that does not exist."""

@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ..error_terms.key import ErrorKey, Kind
+from ..error_terms.keys import ARM
 from .joint import Joint
 
-OFFSETS, TILTS, LENGTHS = "joint offsets", "joint tilts", "link lengths"
-TRANSMISSION, SAG = "transmission", "sag"
-GROUPS = (OFFSETS, TILTS, LENGTHS, TRANSMISSION, SAG)
+OFFSETS, TILTS, LENGTHS, TRANSMISSION, SAG = GROUPS = tuple(key.kind for key in ARM)
 HARMONICS = ("sin q", "cos q", "sin 2q", "cos 2q")
 
 
@@ -57,13 +57,22 @@ def checked_sd(value: Any, name: str, parse: Callable[[Any, str], float]) -> Any
 
 @dataclass(frozen=True)
 class ErrorParameter:
-    """One number of e: name, group, name of its joint, unit (rad or m), and whether X and W absorb it (``gauge``)."""
+    """One number of e: its key, name of its joint, unit (rad or m), and whether X and W absorb it (``gauge``)."""
 
-    name: str
-    group: str
+    key: ErrorKey
     joint: str
     unit: str
     gauge: bool
+
+    @property
+    def name(self) -> str:
+        """The number in words."""
+        return str(self.key)
+
+    @property
+    def group(self) -> Kind:
+        """The error that it is a number of."""
+        return self.key.kind
 
 
 @dataclass(frozen=True)
@@ -88,13 +97,14 @@ class ErrorLayout:
 def error_layout(joints: Sequence[Joint]) -> ErrorLayout:
     """The layout for a chain of these joints."""
     parameters, index, part = [], [], []
-    for group in GROUPS:
+    for error in ARM:
+        group = error.kind
         for k, joint in enumerate(joints):
             for number, suffix, unit in _of_joint(group, joint):
                 gauge = group in (OFFSETS, TILTS, LENGTHS) and (
                     k == 0 or (k == len(joints) - 1 and _commutes(group, number, joint))
                 )
-                parameters.append(ErrorParameter(f"{group}: {joint.name}{suffix}", group, joint.name, unit, gauge))
+                parameters.append(ErrorParameter(error.number(f"{joint.name}{suffix}"), joint.name, unit, gauge))
                 index.append(k)
                 part.append(number)
     groups = np.array([parameter.group for parameter in parameters])
@@ -109,7 +119,7 @@ def error_layout(joints: Sequence[Joint]) -> ErrorLayout:
     )
 
 
-def _of_joint(group: str, joint: Joint) -> list[tuple[int, str, str]]:
+def _of_joint(group: Kind, joint: Joint) -> list[tuple[int, str, str]]:
     """Number, suffix of the name and unit of the parameters of a group that a joint has."""
     if group == OFFSETS:
         return [(2, "", "rad")] if joint.is_revolute else []
@@ -122,7 +132,7 @@ def _of_joint(group: str, joint: Joint) -> list[tuple[int, str, str]]:
     return [(0, "", joint.unit)]
 
 
-def _commutes(group: str, number: int, joint: Joint) -> bool:
+def _commutes(group: Kind, number: int, joint: Joint) -> bool:
     """Return whether a geometric error commutes with the motion of the joint."""
     return number == 2 or (group == LENGTHS and not joint.is_revolute)
 

@@ -24,6 +24,7 @@ from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ..error_terms.key import ErrorKey, Kind, Owner
 from ..noise.joint_covariance import Index
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
@@ -40,7 +41,6 @@ FLANGES = (WORKSPACE, CONTROLLER, PHYSICAL)
 # they differ, and at each pose. Pandas have 0.5, 0.2 and 0.35 with poses of one region, 0.35, 0.15 and 0.5 anywhere.
 ELBOW_SD_RAD, ELBOW_SD_ALONG, ELBOW_SD_OF_POSE = 0.5, 0.2, 0.35
 
-JOINT_NOISE = "joint noise"
 # The field of `KinematicErrors` that declares each group.
 DECLARED_AS = {
     OFFSETS: "offset_sd",
@@ -144,7 +144,7 @@ class KinematicErrors:
         return POPULATIONS[self.robot_class or USUAL]
 
     @property
-    def standard_deviations(self) -> dict[str, float]:
+    def standard_deviations(self) -> dict[Kind, float]:
         """Standard deviations by group, rad or m; see ``robot_class``."""
         if self.how == EXACT:
             return dict.fromkeys(DECLARED_AS, 0.0)
@@ -168,11 +168,10 @@ class KinematicErrors:
             F = kinematics.columns(q, e)
         kept = [k for k, error in enumerate(kinematics.errors) if sd[error.group] > 0 and counts[k]]
         of = [kinematics.errors[k] for k in kept]
-        columns, names, groups = [F[..., kept]], [error.name for error in of], [error.group for error in of]
-        for group in dict.fromkeys(groups) if self.flange == WORKSPACE else ():
+        columns, keys = [F[..., kept]], [error.key for error in of]
+        for group in dict.fromkeys(error.group for error in of) if self.flange == WORKSPACE else ():
             columns.append(frame_columns(kinematics, q, group))
-            names += [frame_name(group, k) for k in range(12)]
-            groups += [group] * 12
+            keys += [frame_key(group, k) for k in range(12)]
         elbow = None
         if by_poses and q.shape[-1] > 6:
             of_elbow = _by_elbow(kinematics, q, self.flange)[..., kept]
@@ -182,13 +181,11 @@ class KinematicErrors:
                 D = of_elbow[..., [error.group == group for error in of]]
                 K = _principal(np.concatenate([D * move[:, None, None] for move in moved], axis=-1), kinematics.reach)
                 columns.append(K)
-                names += [f"{group}: elbow elsewhere {k + 1}" for k in range(K.shape[-1])]
-                groups += [group] * K.shape[-1]
+                keys += [ErrorKey(Owner.ROBOT, group, f"elbow elsewhere {k + 1}") for k in range(K.shape[-1])]
         return KinematicColumns(
             -np.concatenate(columns, axis=-1),
             kinematics.jacobian(q, e),
-            tuple(names),
-            tuple(groups),
+            tuple(keys),
             np.array(kept, dtype=np.intp),
             self,
             elbow,
@@ -231,9 +228,9 @@ def _principal(K: Array, reach: float, left_out: float = 3e-3) -> Array:
     return np.asarray(K @ axes[:, energy > left_out * energy.sum()])
 
 
-def frame_name(group: str, k: int) -> str:
-    """Return the name of a motion of base and flange that the errors of a group leave open (`frames_of`)."""
-    return f"{group}: frame {k + 1}"
+def frame_key(group: Kind, k: int) -> ErrorKey:
+    """Return the key of a motion of base and flange that the errors of a group leave open (`frames_of`)."""
+    return ErrorKey(Owner.ROBOT, group, f"frame {k + 1}")
 
 
 def poses_with_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
@@ -253,11 +250,14 @@ class KinematicColumns(NamedTuple):
 
     F: Array  # (n, 6, m) of the errors that are shared
     J: Array  # (n, 6, L) of noise of the joints
-    names: tuple[str, ...]  # (m), of the frames at the end
-    groups: tuple[str, ...]  # (m)
+    keys: tuple[ErrorKey, ...]  # (m), of the frames at the end
     kept: NDArray[np.intp]  # their numbers among all errors of the arm
     given: KinematicErrors
     elbow: Array | None = None  # (n, 6, of the errors) what F changes by with the elbow of an arm of seven axes
+
+    def of(self, group: Kind) -> NDArray[np.bool_]:
+        """(m,) which of the errors are of a group."""
+        return np.array([key.kind == group for key in self.keys], dtype=bool)
 
     def rows(self, index: Index) -> KinematicColumns:
         """Return the columns at some of the poses."""

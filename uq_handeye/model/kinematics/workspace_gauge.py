@@ -78,7 +78,7 @@ def frames_of(chain: Kinematics) -> dict[str, Array]:
     weight = np.repeat([LEVER_M, 1.0], 3)[:, None]
     gain = np.linalg.pinv((weight * B).reshape(-1, 12), CHAIN_ROUNDING).reshape(12, len(q), 6)
     moves = gain.transpose(1, 0, 2) @ (weight * left)  # (n, 12, m)
-    found = {}
+    found: dict[str, Array] = {}
     for group in dict.fromkeys(error.group for error in chain.errors):
         of = moves[..., [error.group == group for error in chain.errors]].transpose(1, 0, 2).reshape(12, -1)
         values, vectors = np.linalg.eigh(of @ of.T)

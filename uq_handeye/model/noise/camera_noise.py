@@ -22,9 +22,6 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .joint_covariance import Index, JointCovariance
 
-# The name of the shared columns of a camera, in the budget of X.
-INTRINSICS = "intrinsics"
-
 
 @dataclass(frozen=True, eq=False)
 class CameraNoise(ReadOnlyArrays):

@@ -18,15 +18,18 @@ from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding
+from ..error_terms.key import ErrorKey, Kind, Owner
+from ..error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise, is_joint
 
 # Units of components, and the factor to those that people read.
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
-# Errors that the corners of a picture share: what residuals indicate if the robot is known (`beside_camera`).
-CAMERA_EXCESS = "camera beyond its corners"
-PICTURE_SHIFT = "shift of each picture"
+# Noise of one side that is drawn at each pose.
+SIDES = (Owner.ROBOT, Owner.CAMERA, Owner.A, Owner.B)
+OF_SIDES = (Kind.ROTATION, Kind.TRANSLATION, Kind.BEYOND_CORNERS)
+OF_CAMERA = tuple(ErrorKey(Owner.CAMERA, kind) for kind in OF_SIDES)
 
 PartlyKnown = tuple[str | float | None, str | float | None]
 
@@ -100,7 +103,7 @@ class Component:
     covariance: root of the mean variance); "given" (the pixel noise of it).
     """
 
-    name: str
+    key: ErrorKey
     unit: str  # "rad", "m" or "px"
     value: float
     low: float
@@ -112,6 +115,11 @@ class Component:
             raise InputError(
                 f"Expected the unit of a noise component to be one of {', '.join(SHOWN)}, got {self.unit!r}."
             )
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
     @property
     def is_given(self) -> bool:
@@ -149,7 +157,7 @@ class FoundComponent:
     direction where it matters most.
     """
 
-    name: str
+    key: ErrorKey
     side: str  # "robot" or "camera"
     unit: str  # "" where relative, or mixed
     size: float
@@ -159,6 +167,11 @@ class FoundComponent:
     count: int  # 0 for noise that is independent at each pose
     determined: float
     share: float
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +185,9 @@ class NoiseEstimate(Record):
     """
 
     _in_file: ClassVar[str] = (
-        "noise=sides components findings statement variances covariance dof camera_factor shape names of_model"
+        "noise=sides components findings statement variances covariance dof camera_factor shape keys of_model"
     )
-    _if_any: ClassVar[str] = "camera_factor shape names of_model"
+    _if_any: ClassVar[str] = "camera_factor shape keys of_model"
 
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
@@ -184,7 +197,7 @@ class NoiseEstimate(Record):
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
     camera_factor: CameraFactor | None = None  # of a given camera covariance, where the data determine it
     shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
-    names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
+    keys: tuple[ErrorKey, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
     of_model: tuple[FoundComponent, ...] = ()  # all errors of the joint model
 
     @property
@@ -221,14 +234,14 @@ class NoiseEstimate(Record):
     def tested(self) -> bool:
         """True if residuals can contradict this noise: most of what they see was not made of them."""
         factor = self.camera_factor
-        if any(component.name.startswith("camera") and not component.is_given for component in self.components) and all(
-            component.name.partition(" ")[0] not in ("robot", "camera", "A", "B")
+        if any(component.key in OF_CAMERA and not component.is_given for component in self.components) and all(
+            component.key.kind not in OF_SIDES or component.key.owner not in SIDES
             for component in self.components
             if component.status in ("fixed", "prior")
         ):  # assumed of an arm, with a camera whose noise is that of the residuals
             return False
         if any(
-            component.name in (CAMERA_EXCESS, PICTURE_SHIFT) and component.value > 0 for component in self.components
+            component.key in (CAMERA_EXCESS, PICTURE_SHIFT) and component.value > 0 for component in self.components
         ):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
@@ -238,11 +251,11 @@ class NoiseEstimate(Record):
         """True if the covariance of a side is joint: it has a row for each pose."""
         return self.noise is not None and any(S is not None and is_joint(S) for S in self.noise.sides.values())
 
-    def __getitem__(self, name: str) -> Component:
+    def __getitem__(self, of: str | ErrorKey) -> Component:
         for component in self.components:
-            if component.name == name:
+            if of in (component.key, component.name):
                 return component
-        raise KeyError(name)
+        raise KeyError(of)
 
     @property
     def sides(self) -> JsonObject | None:
@@ -281,6 +294,6 @@ def _side_from_dict(values: Any) -> Any:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def together(what: str, sides: tuple[str, str]) -> str:
-    """The name of a sum."""
-    return f"{what}, {sides[0]} and {sides[1]} together"
+def together(what: Kind, sides: tuple[str, str]) -> ErrorKey:
+    """The key of a sum."""
+    return ErrorKey(Owner.A_AND_B if sides[0] == Owner.A else Owner.ROBOT_AND_CAMERA, what)

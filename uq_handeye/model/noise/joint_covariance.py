@@ -10,9 +10,7 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
-which `JointFactor` applies without forming it. A column may have the name of the quantity whose error it is (a focal
-length); results report it by that name. Columns whose names agree before ": "
-("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
+which `JointFactor` applies without forming it. A column may have the key of the error that it is a number of.
 """
 
 from __future__ import annotations
@@ -29,26 +27,18 @@ from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ..error_terms.key import ErrorKey
 from .cholesky import checked_cholesky, substitute, substitute_transposed
 
 # Poses by their numbers or by a mask.
 Index: TypeAlias = NDArray[np.intp] | NDArray[np.bool_]
 
 
-def group_of(name: str) -> str:
-    """The error that a column is a number of: its name up to ": ".
-
-    >>> group_of("joint offsets: elbow"), group_of("focal length")
-    ('joint offsets', 'focal length')
-    """
-    return name.partition(": ")[0]
-
-
 @dataclass(frozen=True, eq=False)
 class JointCovariance(ReadOnlyArrays):
     """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
 
-    ``names`` (q) of the columns: one standard deviation of the error so named; empty text where a column has none.
+    ``keys`` (q) of the columns: one standard deviation of that number of an error; None where a column has none.
     It may be given where a (6n, 6n) array may, has its shape, multiplies like it, and ``np.asarray`` forms it.
 
     >>> S = JointCovariance(np.tile(np.eye(6), (3, 1, 1)), np.ones((3, 6, 1)))
@@ -58,7 +48,7 @@ class JointCovariance(ReadOnlyArrays):
 
     own: Array
     shared: Array
-    names: tuple[str, ...] = ()
+    keys: tuple[ErrorKey | None, ...] = ()
 
     correlated: ClassVar[bool] = True
     __array_ufunc__ = None  # `array @ S` comes here
@@ -71,10 +61,10 @@ class JointCovariance(ReadOnlyArrays):
             )
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "shared", shared)
-        names = tuple(self.names) or ("",) * shared.shape[-1]
-        if len(names) != shared.shape[-1]:
-            raise InputError(f"Expected a name for each of {shared.shape[-1]} shared columns, got {len(names)}.")
-        object.__setattr__(self, "names", names)
+        keys = tuple(self.keys) or (None,) * shared.shape[-1]
+        if len(keys) != shared.shape[-1]:
+            raise InputError(f"Expected a key for each of {shared.shape[-1]} shared columns, got {len(keys)}.")
+        object.__setattr__(self, "keys", keys)
         super().__post_init__()
 
     @classmethod
@@ -132,7 +122,7 @@ class JointCovariance(ReadOnlyArrays):
         return (self @ values.mT).mT
 
     def __mul__(self, factor: float) -> JointCovariance:
-        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.names)
+        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.keys)
 
     __rmul__ = __mul__
 
@@ -147,29 +137,30 @@ class JointCovariance(ReadOnlyArrays):
 
     def rows(self, index: Index) -> JointCovariance:
         """Return the joint covariance of some of the poses."""
-        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.names)
+        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.keys)
 
     def carried(self, D: Array) -> JointCovariance:
         """Return the covariance of ``D_i xi_i``, D (..., n, 6, 6)."""
-        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.names)
+        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.keys)
 
     def weighted(self, scale: Array) -> JointCovariance:
         """Return the covariance with each pose's own part times ``scale`` (..., n), and the shared part as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
-        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.names)
+        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.keys)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
         """Add independent errors of each pose (..., n, 6, 6), or another joint covariance."""
         if isinstance(other, JointCovariance):
             shared = np.concatenate([self.shared, other.shared], axis=-1)
-            return JointCovariance(self.own + other.own, shared, self.names + other.names)
-        return JointCovariance(self.own + other, self.shared, self.names)
+            return JointCovariance(self.own + other.own, shared, self.keys + other.keys)
+        return JointCovariance(self.own + other, self.shared, self.keys)
 
     def to_dict(self) -> JsonObject:
         """Plain numbers, for files; `from_dict` reads them."""
-        named = {"names": list(self.names)} if any(self.names) else {}
+        of = [None if key is None else key.to_dict() for key in self.keys]
+        named: JsonObject = {"keys": list(of)} if any(of) else {}
         same = self.own.ndim == 3 and (self.own == self.own[:1]).all()  # one block serves all poses
         own = self.own[0] if same else self.own
         return {"own": own.tolist(), "shared": self.shared.tolist(), **named}
@@ -182,7 +173,9 @@ class JointCovariance(ReadOnlyArrays):
         if own.shape == (6, 6):
             own = np.tile(own, (len(shared), 1, 1))
         shared = shared.reshape(*own.shape[:-1], -1)
-        return cls(own, shared, tuple(map(str, values.get("names", ()))))
+        return cls(
+            own, shared, tuple(None if key is None else ErrorKey.from_dict(key) for key in values.get("keys", ()))
+        )
 
     @cached_property
     def factor(self) -> JointFactor:

@@ -267,8 +267,8 @@ def _notes(name: str, covariance: Any) -> list[str]:
     joint = getattr(covariance, "joint", covariance)  # of a CameraNoise
     if joint is not covariance:
         found.append(f"{name}: per pixel of corner noise, which `calibrate` estimates.")
-    if hasattr(joint, "names"):
-        names = ", ".join(dict.fromkeys(part for part in joint.names if part))
+    if hasattr(joint, "keys"):
+        names = ", ".join(dict.fromkeys(str(key) for key in joint.keys if key is not None))
         count = joint.shared.shape[-1]
         if count:
             found.append(f"{name}: the poses share {count} errors{f' ({names})' if names else ''}.")

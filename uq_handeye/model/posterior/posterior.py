@@ -17,7 +17,7 @@ they were bound to, which are kept as well (`bound`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
@@ -30,8 +30,7 @@ from ...core.files.records import Record, array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..noise.joint_covariance import group_of
-from .owners import owner_of
+from ..error_terms.key import ErrorKey
 from .rows import NewRows, Test, factor_of
 from .selection import Selection, covariance_of, select
 
@@ -41,13 +40,13 @@ class FreshNoise(Record):
     """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
 
     ``covariance`` (6, 6) is that of size 1 at a usual pose, or (..., 6, 6) at each of some poses; what follows from the
-    pose itself (the view of the target, joints, errors of an arm beyond those it shares) is made there by name.
+    pose itself (the view of the target, joints, errors of an arm beyond those it shares) is made there by its kind.
     ``distance`` (m) goes with the view.
     """
 
     _where: ClassVar[str] = "posterior.noise"
 
-    name: str
+    key: ErrorKey
     side: str
     covariance: Annotated[Array, 6, 6]
     size: float
@@ -64,7 +63,7 @@ class FreshNoise(Record):
 class SizePoints(ReadOnlyArrays):
     """Points of the open sizes, with the Gaussian of each relative to the posterior; see the module."""
 
-    names: tuple[str, ...]  # (k,) of the open sizes
+    keys: tuple[ErrorKey, ...]  # (k,) of the errors whose sizes are open
     theta: Array  # (d, k) their logarithms
     weights: Array  # (d,), of sum 1
     means: Array  # (d, N) L^-1 m_d
@@ -84,19 +83,10 @@ class OpenSource(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class PosteriorComponent:
-    """One error of the posterior: its name, whose it is, and the numbers that it has there."""
-
-    name: str
-    owner: str  # "robot", "camera", "target", or "" of what is drawn again in each session
-    numbers: tuple[int, ...]  # among the errors, counted from 0
-
-
-@dataclass(frozen=True, eq=False)
 class Posterior(ReadOnlyArrays):
     """Unknown poses and the q errors that measurements share, together; see the module."""
 
-    names: tuple[str, ...]  # (q,) of the errors
+    keys: tuple[ErrorKey, ...]  # (q,) of the errors
     estimate: Array  # (q,)
     covariance: Array  # (N, N), N = 6 b + q
     blocks: tuple[str, ...] = ("X", "W")
@@ -105,6 +95,11 @@ class Posterior(ReadOnlyArrays):
     bound: tuple[Array, Array] | None = None  # robot and camera poses (n, 4, 4) that errors of poses were bound to
     times: Array | None = None  # (n,) s, of these poses
     source: OpenSource | None = field(default=None, repr=False)  # the rows that it is made of, where sizes are open
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(q,) the errors in words."""
+        return tuple(map(str, self.keys))
 
     @property
     def p(self) -> int:
@@ -142,16 +137,21 @@ class Posterior(ReadOnlyArrays):
         return self.points.weights, self.points.means @ A.T, A @ self.points.covariances @ A.T
 
     @cached_property
-    def components(self) -> tuple[PosteriorComponent, ...]:
-        """The errors with their owners, in the order of their first numbers."""
-        groups: dict[str, list[int]] = {}
-        for k, name in enumerate(self.names):
-            groups.setdefault(group_of(name), []).append(k)
-        return tuple(PosteriorComponent(name, owner_of(name), tuple(of)) for name, of in groups.items())
+    def numbers(self) -> dict[ErrorKey, tuple[int, ...]]:
+        """Numbers (among the q, counted from 0) of each error (`ErrorKey.source`), in the order of the first ones."""
+        found: dict[ErrorKey, list[int]] = {}
+        for k, key in enumerate(self.keys):
+            found.setdefault(key.source, []).append(k)
+        return {key: tuple(of) for key, of in found.items()}
 
-    def owned_by(self, owners: Sequence[str]) -> NDArray[np.intp]:
+    @cached_property
+    def place(self) -> dict[ErrorKey, int]:
+        """Number (among the q) of each number of an error."""
+        return {key: k for k, key in enumerate(self.keys)}
+
+    def owned_by(self, owners: Collection[str]) -> NDArray[np.intp]:
         """Numbers (among the q) of the errors of some owners."""
-        return np.array([k for k, name in enumerate(self.names) if owner_of(name) in owners], dtype=np.intp)
+        return np.array([k for k, key in enumerate(self.keys) if key.owner in owners], dtype=np.intp)
 
     # ------------------------------------------------------------------------------------------- predictions and tests
 
@@ -200,12 +200,16 @@ class Posterior(ReadOnlyArrays):
         if self.times is not None:
             more["times"] = self.times.tolist()
         covariance = self.covariance.tolist()
-        return {"names": list(self.names), "estimate": self.estimate.tolist(), "covariance": covariance} | more
+        return {
+            "keys": [key.to_dict() for key in self.keys],
+            "estimate": self.estimate.tolist(),
+            "covariance": covariance,
+        } | more
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Posterior:
         """Read what `to_dict` wrote; raises KeyError and ValueError where it is damaged."""
-        q, blocks = len(data["names"]), tuple(map(str, data.get("blocks", ("X", "W"))))
+        q, blocks = len(data["keys"]), tuple(map(str, data.get("blocks", ("X", "W"))))
         N = 6 * len(blocks) + q
         covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
         if (np.diag(covariance) < 0).any():
@@ -223,7 +227,15 @@ class Posterior(ReadOnlyArrays):
             if data.get("times") is not None:
                 times = array_of(data["times"], (len(robot),), "posterior.times")
         estimate = array_of(data["estimate"], (q,), "posterior.estimate")
-        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, noise=noise, bound=bound, times=times)
+        return cls(
+            tuple(map(ErrorKey.from_dict, data["keys"])),
+            estimate,
+            covariance,
+            blocks,
+            noise=noise,
+            bound=bound,
+            times=times,
+        )
 
 
 class Absorbed(NamedTuple):

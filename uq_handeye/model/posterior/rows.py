@@ -41,6 +41,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import POWER, UNUSUAL
 from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
+from ..error_terms.key import ErrorKey
 from ..noise.cholesky import checked_cholesky, substitute
 from ..noise.joint_covariance import JointFactor
 
@@ -101,8 +102,8 @@ class NewRows(ReadOnlyArrays):
     own: Array  # (m, k, k) covariance of each measurement's own noise
     posterior: Joint
     own_at: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)  # (d, m, k, k) own at each point, or none
-    # of `own`: noise of open sizes by their names, (m, k, k) where the size is 1
-    parts: tuple[tuple[str, Array], ...] = field(default=(), kw_only=True)
+    # of `own`: noise of open sizes, (m, k, k) where the size is 1
+    parts: tuple[tuple[ErrorKey, Array], ...] = field(default=(), kw_only=True)
 
     @property
     def dof(self) -> int:
@@ -121,10 +122,10 @@ class NewRows(ReadOnlyArrays):
         flat = self.by_unit[..., : len(A)].reshape(-1, len(A))
         return np.asarray(solve_triangular(A, flat.T, lower=True, trans="T").T.reshape(*self.r.shape, -1))
 
-    def own_of(self, sizes: Mapping[str, float]) -> Array:
-        """(m, k, k) own, with `parts` of other sizes, by their names."""
-        stated = {one.name: one.size for one in self.posterior.noise} if self.parts else {}
-        more = ((sizes.get(name, stated[name]) ** 2 - stated[name] ** 2) * S for name, S in self.parts)
+    def own_of(self, sizes: Mapping[ErrorKey, float]) -> Array:
+        """(m, k, k) own, with `parts` of other sizes."""
+        stated = {one.key: one.size for one in self.posterior.noise} if self.parts else {}
+        more = ((sizes.get(key, stated[key]) ** 2 - stated[key] ** 2) * S for key, S in self.parts)
         return np.asarray(sum(more, np.asarray(self.own)))
 
     def whitened(self, columns: Array) -> Array:
@@ -240,7 +241,7 @@ class NewRows(ReadOnlyArrays):
     def rows(self, index: Any) -> Self:
         """Some of the measurements, by their numbers or a mask."""
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
-        parts = tuple((name, S[index]) for name, S in self.parts)
+        parts = tuple((key, S[index]) for key, S in self.parts)
         return replace(self, own_at=own_at, parts=parts, **{name: getattr(self, name)[index] for name in self._each})
 
 
@@ -342,12 +343,12 @@ def factor_of(P: Array) -> Array:
         return np.asarray(scale[:, None] * (R.T * np.where(np.diag(R) < 0, -1.0, 1.0)))
 
 
-def at_points(posterior: Joint, own: Array, parts: Sequence[tuple[str, Array]]) -> Array:
+def at_points(posterior: Joint, own: Array, parts: Sequence[tuple[ErrorKey, Array]]) -> Array:
     """(d, m, k, k) own noise at each point of open sizes, of `NewRows` with these parts; none where all are known."""
     if posterior.points is None:
         return np.zeros(0)
-    of = {one.name: one for one in posterior.noise}
+    of = {one.key: one for one in posterior.noise}
     found = np.repeat(own[None], len(posterior.points.weights), axis=0)
-    for name, S in parts:
-        found += (of[name].by_point ** 2 - of[name].size ** 2)[:, None, None, None] * S
+    for key, S in parts:
+        found += (of[key].by_point ** 2 - of[key].size ** 2)[:, None, None, None] * S
     return found

@@ -20,24 +20,21 @@ from typing import Any
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ..poses.pose_pairs import PosePairs
-from .shared_error import (
+from ..error_terms.key import ErrorKey, Owner
+from ..error_terms.keys import (
+    DRIFTS,
     FOCAL_LENGTH,
     LENS,
     OUTLINE,
     PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
     TARGET_SCALE,
     VIEW,
-    SharedError,
-    of_intrinsics,
-    population_error,
-    the_same,
-    unbound,
 )
-from .sizes import CLASSES, ROBOT_ACCURACY, SIZES
+from ..poses.pose_pairs import PosePairs
+from .shared_error import SharedError, of_intrinsics, population_error, the_same, unbound
+from .sizes import CLASSES, SIZES
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
-
-DRIFT = "drift of the"
 
 
 def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Array:
@@ -67,7 +64,7 @@ def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
     """
     size = SharedError.target_scale(SIZES[TARGET_SCALE].median)
     errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
-    return tuple(replace(error, factor=SIZES[error.name].factor, default=True) for error in errors)
+    return tuple(replace(error, factor=SIZES[error.key].factor, default=True) for error in errors)
 
 
 def assumed_view() -> SharedError:
@@ -76,9 +73,9 @@ def assumed_view() -> SharedError:
 
     def bind(poses: PosePairs) -> dict[str, Any]:
         mean, scale = view_scale(poses.camera)
-        parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
+        keys = tuple(VIEW.number(k + 1) for k in range(36))
         return {
-            "parts": parts,
+            "keys": keys,
             "sd": np.full(36, size.median),
             "effect": lambda at: columns_about(at.camera, mean, scale),
         }
@@ -108,7 +105,7 @@ def assumed_outline() -> SharedError:
         axes *= np.sign(axes[np.abs(axes).argmax(axis=0), range(count)])  # the same wherever it is bound again
         turn = usual[:, None] * axes
         return {
-            "parts": tuple(f"{OUTLINE}: {k + 1}" for k in range(count)),
+            "keys": tuple(OUTLINE.number(k + 1) for k in range(count)),
             "sd": np.full(count, size.median),
             "effect": lambda at: outline_columns(at.camera, distance, centre) @ turn,
         }
@@ -121,14 +118,14 @@ def assumed_outline() -> SharedError:
 def assumed_lens() -> SharedError:
     """Return errors of the distortion of the lens that finished camera poses were made with."""
     size = SIZES[LENS]
-    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2", "fx/fy"))
+    keys = tuple(LENS.number(name) for name in ("k1", "k2", "p1", "p2", "fx/fy"))
     sd = size.median * LENS_SHARES
     return SharedError(
         LENS,
         "",
         "camera",
         sd,
-        parts,
+        keys,
         factor=size.factor,
         default=True,
         **of_intrinsics(slice(3, None)),
@@ -141,9 +138,10 @@ OF_VIEWS = {LENS: assumed_lens, OUTLINE: assumed_outline, VIEW: assumed_view}
 
 def stored_error(data: Mapping[str, Any]) -> SharedError:
     """Return the error of `SharedError.to_dict`; those of the views are the assumed ones, or switched off."""
-    if data["name"] not in OF_VIEWS:
+    key = ErrorKey.from_dict(data["key"])
+    if key not in OF_VIEWS:
         return SharedError.from_dict(data)
-    error = OF_VIEWS[data["name"]]()
+    error = OF_VIEWS[key]()
     return error if any(data["sd"]) else error.switched_off()
 
 
@@ -155,17 +153,16 @@ def assumed_drift(poses: PosePairs, min_poses: int = 6) -> tuple[SharedError, ..
     if poses.timestamps is None or poses.truth is not None or poses.n < min_poses:
         return ()
     found = []
-    for of in ("camera", "target"):
-        name = f"{DRIFT} {of}"
-        F, size = drift_columns(poses.camera, poses.timestamps, of == "target"), SIZES[name]
-        parts = tuple(f"{name}: {k + 1}" for k in range(F.shape[-1]))
-        sd = np.full(len(parts), size.median)
-        found.append(SharedError(name, "", "camera", sd, parts, the_same(F), factor=size.factor, default=True))
+    for of, key in DRIFTS.items():
+        F, size = drift_columns(poses.camera, poses.timestamps, of == Owner.TARGET), SIZES[key]
+        keys = tuple(key.number(k + 1) for k in range(F.shape[-1]))
+        sd = np.full(len(keys), size.median)
+        found.append(SharedError(key, "", "camera", sd, keys, the_same(F), factor=size.factor, default=True))
     return tuple(found)
 
 
-def error_by_part(name: str) -> tuple[SharedError, int] | None:
-    """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
+def error_by_number(key: ErrorKey) -> tuple[SharedError, int] | None:
+    """Return the error that a number belongs to and its place there, if poses alone determine its effect."""
     known = (
         SharedError.focal_length,
         SharedError.principal_point,
@@ -174,19 +171,19 @@ def error_by_part(name: str) -> tuple[SharedError, int] | None:
         assumed_lens,
     )
     for error in (make() for make in known):
-        if name in error.parts:
-            return error, error.parts.index(name)
+        if key in error.keys:
+            return error, error.keys.index(key)
     return None
 
 
-def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> SharedError | None:
-    """Return the error of this name whose numbers belong to poses, bound to them; None for others.
+def bound_again(key: ErrorKey, poses: PosePairs, reach: float | None = None) -> SharedError | None:
+    """Return the error of this key whose numbers belong to poses, bound to them; None for others.
 
     ``reach`` (m) of the robot that it was bound with.
     """
-    if name == ROBOT_ACCURACY:
+    if key == ROBOT_ACCURACY:
         return population_error(1.0, 0.0, reach).bound(poses)
-    return OF_VIEWS[name]().bound(poses) if name in (OUTLINE, VIEW) else None
+    return OF_VIEWS[key]().bound(poses) if key in (OUTLINE, VIEW) else None
 
 
 def assumed_accuracy(of_class: str | None = None) -> SharedError:
@@ -196,16 +193,16 @@ def assumed_accuracy(of_class: str | None = None) -> SharedError:
 
 
 def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool, others: bool = True) -> list[SharedError]:
-    """Return the default errors, those declared in place of the ones of their names, and the other ones declared.
+    """Return the default errors, those declared in place of the ones of their keys, and the other ones declared.
 
     ``others`` False: the defaults that are not declared are switched off.
     """
-    by_name = {
-        error.name: error if others else error.switched_off()
+    by_key = {
+        error.key: error if others else error.switched_off()
         for error in (
             *default_errors(intrinsics_known),
             assumed_accuracy(),
             *(() if intrinsics_known else (make() for make in OF_VIEWS.values())),
         )
     }
-    return list((by_name | {error.name: error for error in declared}).values())
+    return list((by_key | {error.key: error for error in declared}).values())

@@ -42,10 +42,11 @@ from ..camera.description import spacing_of
 from ..camera.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
-from ..noise.camera_noise import INTRINSICS, CameraNoise, checked_pixels
+from ..error_terms.keys import FOCAL_LENGTH, INTRINSICS, PRINCIPAL_POINT
+from ..noise.camera_noise import CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
 from ..poses.pose_pairs import PosePairs
-from .shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
+from .shared_error import DEFAULT_SD
 
 ESTIMATED, PINHOLE, EXACT = "estimated", "pinhole", "exact"
 # Coefficients that are estimated with the linear intrinsics.

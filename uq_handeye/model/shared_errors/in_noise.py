@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
 
+from ..error_terms.key import ErrorKey, Kind, Owner
 from ..kinematics.errors import LENGTHS
-from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
-from ..noise.joint_covariance import JointCovariance, group_of
+from ..kinematics.kinematic_errors import DECLARED_AS, KinematicColumns
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
@@ -18,15 +20,15 @@ from .shared_error import SharedError, the_same
 
 
 def settled_errors(
-    errors: Iterable[SharedError], sizes: Mapping[str, float], poses: PosePairs
+    errors: Iterable[SharedError], sizes: Mapping[ErrorKey, float], poses: PosePairs
 ) -> tuple[SharedError, ...]:
     """Return errors, bound to poses, with the standard deviations of their numbers that a calibration of these settled
     on; those that it left out are none.
     """
     return tuple(
-        replace(error, sd=np.array([sizes[part] for part in error.parts]), factor=1.0)
+        replace(error, sd=np.array([sizes[key] for key in error.keys]), factor=1.0)
         for error in (error.bound(poses) for error in errors)
-        if sizes.keys() >= set(error.parts)
+        if sizes.keys() >= set(error.keys)
     )
 
 
@@ -37,9 +39,9 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
         of_side = [error for error in errors if error.side == side and not error.is_exact]
         if of_side:
             F = np.concatenate([error.at(poses) * error.sd for error in of_side], axis=-1)
-            names = np.array([name for error in of_side for name in error.parts])
             known = np.concatenate([error.sd for error in of_side]) > 0
-            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(names[known].tolist()))
+            keys = (key for error in of_side for key in error.keys)
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(compress(keys, known)))
     return found
 
 
@@ -51,18 +53,17 @@ def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> Pos
 
 def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise:
     """The noise without the columns of these errors."""
-    names = {name for error in errors for name in error.parts}
+    keys = {key for error in errors for key in error.keys}
 
     def remaining(S: Any) -> Any:
         if not isinstance(S, JointCovariance):
             return S
-        kept = np.array([names.isdisjoint((name, group_of(name))) for name in S.names])
+        kept = np.array([key is None or keys.isdisjoint((key, key.error)) for key in S.keys])
         if kept.all():
             return S
         if not kept.any():
             return S.own if S.own.any() else None
-        rest = tuple(name for name, keep in zip(S.names, kept, strict=True) if keep)
-        return JointCovariance(S.own, S.shared[..., kept], rest)
+        return JointCovariance(S.own, S.shared[..., kept], tuple(compress(S.keys, kept)))
 
     return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
 
@@ -81,25 +82,24 @@ def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
     return columns.plus(np.broadcast_to(covariance, (columns.n, 6, 6)))
 
 
-def errors_of_arm(columns: KinematicColumns, deviations: Mapping[str, float]) -> tuple[SharedError, ...]:
-    """The groups with one standard deviation each (rad or m), by name; their parts are named ``group: joint``.
+def errors_of_arm(columns: KinematicColumns, deviations: Mapping[Kind, float]) -> tuple[SharedError, ...]:
+    """The groups with one standard deviation each (rad or m).
 
     An estimate is that of the arm, ``true - model``: measured poses have the opposite error, which is in the columns.
     """
     found = []
     for group in DECLARED_AS:
-        of = np.array([name == group for name in columns.groups], dtype=bool)
+        of = columns.of(group)
         if of.any():
-            F = columns.F[..., of]
-            parts = tuple(name for name, is_of in zip(columns.names, of, strict=True) if is_of)
-            sd = np.full(len(parts), deviations[group])
+            F, keys = columns.F[..., of], tuple(compress(columns.keys, of))
+            sd = np.full(len(keys), deviations[group])
             unit = "m" if group == LENGTHS else "rad"
-            found.append(SharedError(group, unit, "robot", sd, parts, the_same(F)))
+            found.append(SharedError(ErrorKey(Owner.ROBOT, group), unit, "robot", sd, keys, the_same(F)))
     return tuple(found)
 
 
-def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[str, float]) -> JointCovariance:
-    """Return the covariance of the robot poses by joint noise and all groups, with standard deviations by name."""
-    noise = deviations.get(JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
-    sd = np.array([deviations[group] for group in columns.groups])
-    return JointCovariance(noise, columns.F * sd, columns.names)
+def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[Kind, float]) -> JointCovariance:
+    """Return the covariance of the robot poses by joint noise and all groups, with standard deviations by kind."""
+    noise = deviations.get(Kind.JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
+    sd = np.array([deviations[key.kind] for key in columns.keys])
+    return JointCovariance(noise, columns.F * sd, columns.keys)

@@ -43,19 +43,24 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..noise.camera_noise import INTRINSICS
-from ..noise.joint_covariance import group_of
+from ..error_terms.key import ErrorKey, Kind, Owner
+from ..error_terms.keys import (
+    CLOCK_OFFSET,
+    FOCAL_LENGTH,
+    INTRINSICS,
+    LENS,
+    OUTLINE,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    ROBOT_SCALE,
+    TARGET_SCALE,
+    VIEW,
+)
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
-from .sizes import ROBOT_ACCURACY, SIZES, RobotAccuracy, Size, stated_accuracy
+from .sizes import SIZES, RobotAccuracy, Size, stated_accuracy
 from .view import intrinsics_columns, median_distance, target_centre
 
-FOCAL_LENGTH = "focal length"
-PRINCIPAL_POINT = "principal point"
-TARGET_SCALE = "target scale"
-ROBOT_SCALE = "robot scale"
-CLOCK_OFFSET = "clock offset"
-VIEW, LENS, OUTLINE = "view", "lens distortion", "target outline"
 # Errors whose effect follows from poses, whatever they are.
 OF_ANY_POSES = frozenset(
     {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, OUTLINE, ROBOT_ACCURACY}
@@ -88,11 +93,11 @@ class SharedError(ReadOnlyArrays):
     Made by `focal_length`, `principal_point`, `target_scale`, `robot_scale`, `clock_offset` or `columns`.
     """
 
-    name: str
+    key: ErrorKey
     unit: str  # "" (relative), "rad", "s", or that of the user's columns
     side: str  # "robot" or "camera"
     sd: Array  # (k,)
-    parts: tuple[str, ...]  # the name of each of the k numbers
+    keys: tuple[ErrorKey, ...]  # of each of the k numbers
     effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
     factor: float = 1.0  # within which ``sd`` is known; 1: as it is
     default: bool = False  # assumed, not declared
@@ -114,6 +119,11 @@ class SharedError(ReadOnlyArrays):
                 f"Expected `side` of the shared error {self.name!r} to be robot or camera, got {self.side!r}."
             )
         super().__post_init__()
+
+    @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
 
     @property
     def is_exact(self) -> bool:
@@ -142,13 +152,13 @@ class SharedError(ReadOnlyArrays):
 
     @property
     def described(self) -> list[str]:
-        """Each number with its standard deviation; one line where there are many (`group_of`)."""
+        """Each number with its standard deviation; one line where there are many."""
         if self.stated:
             return [f"{self.name}: {self.stated if self.sd.any() else 'exact'}"]
-        if len(self.parts) > 1 and group_of(self.parts[0]) != self.parts[0]:
+        if len(self.keys) > 1 and self.keys[0].source != self.keys[0]:
             ends = list(dict.fromkeys(f"{end:.6g}" for end in (self.sd.min(), self.sd.max())))
-            return [f"{self.name} ({len(self.parts)}): {' to '.join(ends)}"]
-        return [f"{part}: {sd:.6g}" for part, sd in zip(self.parts, self.sd, strict=True)]
+            return [f"{self.name} ({len(self.keys)}): {' to '.join(ends)}"]
+        return [f"{key}: {sd:.6g}" for key, sd in zip(self.keys, self.sd, strict=True)]
 
     @classmethod
     def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
@@ -183,10 +193,10 @@ class SharedError(ReadOnlyArrays):
                 raise InputError(f"Expected `focal_length_px` to be above 0 and finite, got {focal_length_px!r}.")
             return plain / focal_length_px
 
-        names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
+        keys = PRINCIPAL_POINT.number("x"), PRINCIPAL_POINT.number("y")
         each = _sd(sd, PRINCIPAL_POINT, parse)
         return cls(
-            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, focal_length_px=focal_length_px,
+            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), keys, focal_length_px=focal_length_px,
             **of_intrinsics(slice(1, 3)),
         )  # fmt: skip
 
@@ -213,7 +223,7 @@ class SharedError(ReadOnlyArrays):
         """
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
-        if name in (*DEFAULT_SD, INTRINSICS, ROBOT_ACCURACY):
+        if name in map(str, (*DEFAULT_SD, INTRINSICS, ROBOT_ACCURACY)):
             raise InputError(f"Expected another `name` than {name!r}, which is that of a built-in shared error.")
         if not isinstance(unit, str):
             raise InputError(f"Expected `unit` of the shared error {name!r} to be text, got {unit!r}.")
@@ -230,8 +240,11 @@ class SharedError(ReadOnlyArrays):
         if each.shape not in ((), (k,)):
             raise InputError(f"Expected `sd` of the shared error {name!r} to be one number or {k}, got {each.shape}.")
         each = np.broadcast_to(each, (k,)).copy()
-        parts = (name,) if k == 1 else tuple(f"{name} {j + 1}" for j in range(k))
-        return cls(name, unit, side, each, parts, lambda poses: given)
+        if side not in SIDES:
+            raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
+        key = ErrorKey(Owner(side), Kind.OWN, name=name)
+        keys = (key,) if k == 1 else tuple(key.number(j + 1) for j in range(k))
+        return cls(key, unit, side, each, keys, lambda poses: given)
 
     @classmethod
     def robot_accuracy(
@@ -275,7 +288,7 @@ class SharedError(ReadOnlyArrays):
     def to_dict(self) -> JsonObject:
         """Plain numbers and text that `from_dict` makes the error of; not of the user's own columns."""
         return {
-            "name": self.name,
+            "key": self.key.to_dict(),
             "sd": self.sd.tolist(),
             **({} if self.factor == 1 else {"factor": self.factor}),
             **({"default": True} if self.default else {}),
@@ -286,15 +299,15 @@ class SharedError(ReadOnlyArrays):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SharedError:
         """The inverse of `to_dict`; raises `InputError` for columns of the user's own, which it does not hold."""
-        name, focal_length = data["name"], data.get("focal_length_px")
+        key, focal_length = ErrorKey.from_dict(data["key"]), data.get("focal_length_px")
         known = (cls.focal_length, cls.principal_point, cls.target_scale, cls.robot_scale, cls.clock_offset)
-        if name == ROBOT_ACCURACY:
+        if key == ROBOT_ACCURACY:
             move, turn, reach = data["accuracy"]
             error = replace(cls.robot_accuracy(move, turn, reach=reach), stated=data["stated"])
         else:
-            made = [error for make in known if (error := make(float(data["sd"][0]))).name == name]
+            made = [error for make in known if (error := make(float(data["sd"][0]))).key == key]
             if not made:
-                raise InputError(f"The shared error {name!r} has columns of its own, which the file does not hold.")
+                raise InputError(f"The shared error {str(key)!r} has columns of its own, which the file does not hold.")
             error = replace(made[0], focal_length_px=focal_length)
         return replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
 
@@ -327,7 +340,7 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
         if turn > 0:  # both state one size, but for the ratio of the two that an arm has: the mean of the logarithms
             by_turn = turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean()))
             size = float(np.sqrt(move * by_turn)) if move > 0 else by_turn
-        parts = tuple(f"{ROBOT_ACCURACY}: {k + 1}" for k in range(K.shape[-1]))
+        keys = tuple(ROBOT_ACCURACY.number(k + 1) for k in range(K.shape[-1]))
         accuracy = RobotAccuracy(move, turn, population.reach)
 
         def effect(at: PosePairs) -> Array:
@@ -335,8 +348,8 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
             return K if near else population.columns(at.robot)
 
         return {
-            "parts": parts,
-            "sd": np.full(len(parts), size),
+            "keys": keys,
+            "sd": np.full(len(keys), size),
             "effect": effect,
             "accuracy": accuracy,
             "left": population.left,
@@ -359,7 +372,7 @@ def listed_errors(errors: Any) -> tuple[SharedError, ...]:
     for error in found:
         if not isinstance(error, SharedError):
             raise InputError(f"Expected `shared` to be a list of SharedError, got one of {type(error).__name__}.")
-    names = [name for error in found for name in {error.name, *error.parts}]
+    names = [name for error in found for name in {str(error.key), *map(str, error.keys)}]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(f"Expected one shared error of each name in `shared`, got two {sorted(twice)[0]!r}.")
     return found
@@ -378,13 +391,13 @@ def _is_exact(value: float | str) -> bool:
     return isinstance(value, str) and value.strip().lower() in EXACT
 
 
-def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
+def _sd(value: float | str, name: object, parse: Callable[[str | float, str], float]) -> Array:
     sd = np.array([0.0 if _is_exact(value) else parse(value, f"the standard deviation of the {name}")])
     _require_sd(sd, name, value)
     return sd
 
 
-def _require_sd(sd: Array, name: str, given: float | str | None = None) -> None:
+def _require_sd(sd: Array, name: object, given: float | str | None = None) -> None:
     if not (np.isfinite(sd) & (sd >= 0)).all():
         got = sd.tolist() if given is None else repr(given)
         raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")
@@ -392,8 +405,8 @@ def _require_sd(sd: Array, name: str, given: float | str | None = None) -> None:
 
 def unbound(poses: PosePairs) -> Array:
     raise InputError(
-        f"The columns of the errors {ROBOT_ACCURACY!r} and {VIEW!r} belong to poses: take SharedError.bound(poses) "
-        "first."
+        f"The columns of the errors {str(ROBOT_ACCURACY)!r} and {str(VIEW)!r} belong to poses; "
+        "take SharedError.bound(poses) first."
     )
 
 
@@ -423,7 +436,7 @@ def _rate(poses: PosePairs) -> Array:
     """Mean velocity (rad/s, m/s) between the robot poses before and after: that of a recording on the move."""
     if poses.timestamps is None or poses.n < 3:
         raise InputError(
-            f"Expected poses with timestamps for the shared error {CLOCK_OFFSET!r}, got "
+            f"Expected poses with timestamps for the shared error {str(CLOCK_OFFSET)!r}, got "
             + ("none." if poses.timestamps is None else f"{poses.n} poses.")
         )
     order = np.argsort(poses.timestamps)

@@ -17,6 +17,27 @@ import numpy as np
 from ...core.files.tree_values import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...errors import InputError
+from ..error_terms.key import ErrorKey, Owner
+from ..error_terms.keys import (
+    BY_VIEW,
+    CAMERA_EXCESS,
+    CAMERA_ROTATION,
+    CAMERA_TRANSLATION,
+    DEPTH,
+    DRIFTS,
+    FOCAL_LENGTH,
+    JOINT_NOISE,
+    LENS,
+    OUTLINE,
+    PICTURE_SHIFT,
+    PIXELS,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    ROBOT_ROTATION,
+    ROBOT_TRANSLATION,
+    TARGET_SCALE,
+    VIEW,
+)
 
 
 @dataclass(frozen=True)
@@ -44,27 +65,29 @@ class Size:
 
 
 # What is assumed of each error where nothing is declared, by name: standard deviations per axis, in rad and m.
-SIZES = {
-    "robot rotation": Size(1.75e-4, 4.0, "rad", "repeatability by ISO 9283, 0.01 deg"),
-    "robot translation": Size(0.03e-3, 4.0, "m", "repeatability by ISO 9283, 0.02 to 0.1 mm"),
-    "camera rotation": Size(8.7e-4, 6.0, "rad", "poses of boards and tags, 0.05 deg"),
-    "camera translation": Size(0.3e-3, 6.0, "m", "poses of boards and tags"),
-    "camera depth": Size(0.2e-3, 6.0, "m", "in addition to that of camera translation: depth of boards, tags and SLAM"),
-    "camera by view": Size(1.5e-4, 5.0, "rad", "corners to 0.05 to 1 px over a focal length of 500 to 2000 px"),
-    "focal length": Size(1e-3, 2.0, "", "calibrations of the same camera, repeated; a wrong one is its tail"),
-    "principal point": Size(1e-3, 1.0, "rad", "calibrations of the same camera, repeated"),
-    "target scale": Size(3e-4, 4.0, "", "printed and etched targets; a wrong square is its tail"),
-    "view": Size(1.5e-4, 3.0, "", "rendered and real sets with lens, board shape and corners left out of the model"),
-    "lens distortion": Size(3e-3, 2.0, "", "k1 of repeated calibrations; k2 3 times, p 0.1 times, fx/fy 0.05 times"),
-    "target outline": Size(0.3, 1.0, "", "sides of common boards 1:1 to 1:1.6; how wide they are at their distance"),
-    "robot accuracy": Size(0.6e-3, 3.0, "m", "ISO 9283 absolute accuracy of arms with nominal kinematics"),
-    "joint noise": Size(0.2e-3, 3.0, "rad", "laser tracker data of an ABB IRB 120 and a Motoman MA1400"),
-    "drift of the camera": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
-    "drift of the target": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
-    "pixel noise": Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
-    "camera beyond its corners": Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
-    "shift of each picture": Size(0.02, 3.0, "px", "all corners of a picture: vibration, exposure while moving"),
+SIZES: dict[ErrorKey, Size] = {
+    ROBOT_ROTATION: Size(1.75e-4, 4.0, "rad", "repeatability by ISO 9283, 0.01 deg"),
+    ROBOT_TRANSLATION: Size(0.03e-3, 4.0, "m", "repeatability by ISO 9283, 0.02 to 0.1 mm"),
+    CAMERA_ROTATION: Size(8.7e-4, 6.0, "rad", "poses of boards and tags, 0.05 deg"),
+    CAMERA_TRANSLATION: Size(0.3e-3, 6.0, "m", "poses of boards and tags"),
+    DEPTH: Size(0.2e-3, 6.0, "m", "in addition to that of camera translation: depth of boards, tags and SLAM"),
+    BY_VIEW: Size(1.5e-4, 5.0, "rad", "corners to 0.05 to 1 px over a focal length of 500 to 2000 px"),
+    FOCAL_LENGTH: Size(1e-3, 2.0, "", "calibrations of the same camera, repeated; a wrong one is its tail"),
+    PRINCIPAL_POINT: Size(1e-3, 1.0, "rad", "calibrations of the same camera, repeated"),
+    TARGET_SCALE: Size(3e-4, 4.0, "", "printed and etched targets; a wrong square is its tail"),
+    VIEW: Size(1.5e-4, 3.0, "", "rendered and real sets with lens, board shape and corners left out of the model"),
+    LENS: Size(3e-3, 2.0, "", "k1 of repeated calibrations; k2 3 times, p 0.1 times, fx/fy 0.05 times"),
+    OUTLINE: Size(0.3, 1.0, "", "sides of common boards 1:1 to 1:1.6; how wide they are at their distance"),
+    ROBOT_ACCURACY: Size(0.6e-3, 3.0, "m", "ISO 9283 absolute accuracy of arms with nominal kinematics"),
+    JOINT_NOISE: Size(0.2e-3, 3.0, "rad", "laser tracker data of an ABB IRB 120 and a Motoman MA1400"),
+    DRIFTS[Owner.CAMERA]: Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
+    DRIFTS[Owner.TARGET]: Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
+    PIXELS: Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
+    CAMERA_EXCESS: Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
+    PICTURE_SHIFT: Size(0.02, 3.0, "px", "all corners of a picture: vibration, exposure while moving"),
 }
+# The same by what the errors are called, which is how a user names one.
+BY_NAME = {str(key): size for key, size in SIZES.items()}
 # Absolute accuracy of classes of arms, the size of `robot accuracy`.
 CLASSES = {
     "calibrated": Size(0.15e-3, 2.0, "m", "arms calibrated at the factory"),
@@ -89,7 +112,7 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
             size = value
         else:
             median, *more = value if isinstance(value, tuple | list) and value else (value,)
-            unit, factor = SIZES[name].unit if name in SIZES else "", more[0] if more else 1.0
+            unit, factor = BY_NAME[name].unit if name in BY_NAME else "", more[0] if more else 1.0
             if isinstance(median, str):
                 median = PARSERS[unit](median, f"the size of {name!r}")
             if not is_plain_number(median) or len(more) > 1:
@@ -118,23 +141,20 @@ def _no_size(name: str, value: object) -> InputError:
 def parse_size(text: str) -> tuple[str, Size]:
     """Return the name and the size of a text such as ``"robot accuracy=0.3mm,2"``: median, and factor if it is not 1.
 
-    Raises `InputError` for a name that the table `SIZES` does not have, with the nearest ones.
+    Raises `InputError` for a name that the table does not have, with the nearest ones.
     """
     name, equals, value = (part.strip() for part in text.partition("="))
     median, comma, factor = value.partition(",")
     if not equals or not median:
         raise InputError(f"Expected NAME=SIZE or NAME=SIZE,FACTOR such as 'robot accuracy=0.3mm,2', got {text!r}.")
-    if name not in SIZES:
-        near = get_close_matches(name, SIZES, 3, 0.4) or SIZES
+    if name not in BY_NAME:
+        near = get_close_matches(name, BY_NAME, 3, 0.4) or BY_NAME
         raise InputError(f"No error of the name {name!r:.60} has a size. Near it: {', '.join(near)}.")
     try:
         number = float(factor) if comma else 1.0
     except ValueError:
         raise InputError(f"Expected the factor of {name!r} to be a number >= 1, got {factor!r}.") from None
     return name, checked_sizes({name: (median, number)})[name]
-
-
-ROBOT_ACCURACY = "robot accuracy"
 
 
 class RobotAccuracy(NamedTuple):

@@ -34,7 +34,8 @@ from ...core.presentation.document import Answer, Document, Paragraph, Table, do
 from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...fit.one_model.component import Component
+from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.term import ErrorTerm
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
 from ...model.shared_errors.sizes import Size
@@ -42,7 +43,7 @@ from ...model.shared_errors.view import HALF_WIDTH
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
-from ..noise import RigNoise, given_covariances
+from ..noise import RigNoise, given_covariances, given_key
 from ..poses import RigPoses
 from ..sizes import ALL_TARGETS, WIDTH, components_of, model_of
 from .paths import AS_GOOD_CHI_SQUARE
@@ -109,42 +110,42 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
     The noise is that of the estimated components at each new pose; where it was given, the mean of each arm and camera.
     """
     posterior = posterior_of(result)
-    mean = {one.name: one.covariance for one in posterior.noise}
+    mean = {one.key: one.covariance for one in posterior.noise}
     own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
-    K = {side: np.zeros((*S.shape[:2], len(posterior.names))) for side, S in own.items()}
+    K = {side: np.zeros((*S.shape[:2], len(posterior.keys))) for side, S in own.items()}
     for part in parts_of(result, rig, graph):
-        if part.columns is not None and set(part.parts) <= set(posterior.names):
-            K[part.side][:, :, [posterior.names.index(one) for one in part.parts]] = part.size.median * part.columns
+        if part.columns is not None and set(part.keys) <= posterior.place.keys():
+            K[part.side][:, :, [posterior.place[key] for key in part.keys]] = part.size.median * part.columns
         if part.block is not None and result.components:
             own[part.side] += part.size.median**2 * part.block @ part.block.mT
     for k, name in enumerate([] if result.components else rig.arms):
-        own["robot"][graph.arm == k] = mean.get(name, np.zeros((6, 6)))
+        own["robot"][graph.arm == k] = mean.get(given_key("robot", name), np.zeros((6, 6)))
     for k, name in enumerate([] if result.components else rig.cameras):
-        own["camera"][k == graph.X] = mean.get(name, 0.0)
+        own["camera"][k == graph.X] = mean.get(given_key("camera", name), 0.0)
     given, some = given_covariances(rig, graph)
     own["camera"][some] = given[some]
-    return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.names)
+    return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.keys)
 
 
-def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[Component, ...]:
+def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
     """Return the components of new poses, with the estimated sizes as known ones."""
-    lines = {part["name"]: part["size"] for part in result.components}
-    names = posterior_of(result).names
-    if not (lines or names):
+    lines = {ErrorKey.from_dict(part["key"]): part["size"] for part in result.components}
+    keys = posterior_of(result).place.keys()
+    if not (lines or keys):
         return ()
     before = result.rig, Graph.of(result.rig)
     found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH)
-    known = [one for one in found if one.name in lines or set(one.parts) <= set(names)]
-    return tuple(replace(one, size=Size(lines.get(one.name, one.size.median))) for one in known)
+    known = [one for one in found if one.key in lines or set(one.keys) <= keys]
+    return tuple(replace(one, size=Size(lines.get(one.key, one.size.median))) for one in known)
 
 
 def others_of(result: RigPoses, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
     """(q,) shared errors of arms, cameras and targets that are not ``same``: names, or robot, camera, target, none."""
-    rig, names = result.rig, posterior_of(result).names
+    rig, keys = result.rig, posterior_of(result).keys
     kinds = {"robot": list(rig.arms), "camera": list(rig.cameras), "target": list(rig.targets)}
     things = [name for of in kinds.values() for name in of]
     if same is None:
-        return np.zeros(len(names), dtype=bool)
+        return np.zeros(len(keys), dtype=bool)
     given = [part.strip() for part in same.split(",")] if isinstance(same, str) else list(same)
     if given == ["none"]:
         given = []
@@ -153,9 +154,7 @@ def others_of(result: RigPoses, same: Iterable[str] | str | None) -> NDArray[np.
         listed = ", ".join([*kinds, *things])
         raise InputError(f"Expected `same` (--same) to be names out of {listed}, got {unknown[0]!r}.")
     kept |= {ALL_TARGETS} if set(rig.targets) <= kept else set()
-    owners = [max((thing for thing in (*things, ALL_TARGETS) if name.startswith(f"{thing} ")), key=len, default="")
-              for name in names]  # fmt: skip
-    return np.array([owner not in kept for owner in owners], dtype=bool)
+    return np.array([(key.name or key.owner) not in kept for key in keys], dtype=bool)
 
 
 def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
@@ -198,8 +197,8 @@ def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Ar
     With ``Sigma = 1 + V V^T`` of the whitened rows and T_c the part of component c in the 1, it is ``1 + sum_c
     (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point minus the one used.
     """
-    lines = {part["name"]: part["logs"] for part in result.components if "logs" in part}
-    parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.name in lines)
+    lines = {ErrorKey.from_dict(part["key"]): part["logs"] for part in result.components if "logs" in part}
+    parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.key in lines)
     if not parts:
         return np.ones(1)
     M = np.linalg.inv(np.eye(V.shape[1]) + V.T @ V)
@@ -211,7 +210,7 @@ def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Ar
         for c, B in rows.blocks.items():
             T = parts[c].size.median ** 2 * (half @ B @ half.mT)
             g[c] += float(np.einsum("bii->", T) - np.einsum("bki,ij,bkj->", T @ V_i, M, V_i, optimize=True))
-    return np.asarray(1.0 + g / len(V) @ np.expm1(2.0 * np.array([lines[one.name] for one in parts])))
+    return np.asarray(1.0 + g / len(V) @ np.expm1(2.0 * np.array([lines[one.key] for one in parts])))
 
 
 def joined(old: Rig, new: Rig) -> Rig:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
+from ...calibration.evidence.same_things import ROBOT, THINGS, others_by_pictures
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
@@ -25,7 +26,6 @@ from ...findings import Finding
 from ...model.noise.joint_covariance import Index
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import ROBOT, THINGS, others_by_pictures
 from ...rig.checks.check import RigCheck, check_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration

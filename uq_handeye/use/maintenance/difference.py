@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from ...calibration.estimate.estimated import distance_of
+from ...calibration.evidence.same_things import CAMERA, ROBOT, THINGS, checked_things, require_same
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.result import Calibration
 from ...core.files.records import Record
@@ -22,7 +23,6 @@ from ...core.presentation.shown import Shown
 from ...errors import InputError, require_type
 from ...fit.diagnostics.task_space import by_pose
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import CAMERA, ROBOT, THINGS, checked_things, require_same
 from .in_common import difference_covariance
 from .joined_poses import common_poses, counted, holds_request, measured_poses, with_bound_poses
 from .update import parts_of, touches_taken

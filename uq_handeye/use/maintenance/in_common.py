@@ -18,22 +18,22 @@ Without errors in common this is the sum of both covariances.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...calibration.evidence.same_things import CAMERA
 from ...calibration.prediction.predict import bound_to, errors_of_poses
 from ...calibration.result import Calibration
 from ...core.geometry.se3 import Array
-from ...model.noise.camera_noise import INTRINSICS
-from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.keys import INTRINSICS
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import is_joint
-from ...model.posterior.owners import CAMERA, owner_of
 from ...model.shared_errors.population import LENGTH_PER_RAD_M
 
 
 def difference_covariance(old: Calibration, new: Calibration, same: frozenset[str]) -> Array | None:
     """(12, 12) of (xi_X, xi_W) new minus old, or None where the posteriors do not determine it.
 
-    ``same``: which things (`posterior.owners`) are one and the same.
+    ``same``: which things (`same_things`) are one and the same.
     """
     before, now = old.posterior, new.posterior
     if before is None or now is None or any(map(_is_more_than_its_posterior, (old, new))):
@@ -65,32 +65,32 @@ def _is_more_than_its_posterior(result: Calibration) -> bool:
 
 def _information_of_errors(old: Calibration, new: Calibration, same: frozenset[str]) -> Array:
     """(q, q') of what was known beforehand of the errors of both."""
-    names, sd = zip(*map(_errors_of, (old, new)), strict=True)
-    of_poses = [{error.name: error for error in errors_of_poses(of)} for of in (old, new)]
-    kept = np.array([owner_of(name) in same for name in names[0]], dtype=bool)
-    correlation = (names[0][:, None] == names[1]) * kept[:, None].astype(float)
-    for name in of_poses[0].keys() | of_poses[1].keys():
-        i, j = (np.flatnonzero([group_of(one) == name for one in part]) for part in names)
+    keys, sd = zip(*map(_errors_of, (old, new)), strict=True)
+    of_poses = [{error.key: error for error in errors_of_poses(of)} for of in (old, new)]
+    alike = [[key.owner in same and key == other for other in keys[1]] for key in keys[0]]
+    correlation = np.array(alike, dtype=float).reshape(len(keys[0]), len(keys[1]))
+    for error in of_poses[0].keys() | of_poses[1].keys():
+        i, j = (np.flatnonzero([key.error == error for key in part]) for part in keys)
         correlation[np.ix_(i, j)] = 0.0
-        if name in of_poses[0] and name in of_poses[1] and owner_of(name) in same:
-            first, second = (of[name] for of in of_poses)
+        if error in of_poses[0] and error in of_poses[1] and error.owner in same:
+            first, second = (of[error] for of in of_poses)
             at = bound_to(new)
             assert at is not None
             scale = np.repeat([1.0, 1.0 / LENGTH_PER_RAD_M], 3)[:, None]
-            F_old, F_new = ((scale * error.at(at)).reshape(6 * at.n, -1) for error in (first, second))
+            F_old, F_new = ((scale * one.at(at)).reshape(6 * at.n, -1) for one in (first, second))
             correlation[np.ix_(i, j)] = (np.linalg.pinv(F_new) @ F_old).T
-    i, j = (np.flatnonzero([group_of(name) == INTRINSICS for name in part]) for part in names)
+    i, j = (np.flatnonzero([key.error == INTRINSICS for key in part]) for part in keys)
     if i.size or j.size:  # fixed and the same: the numbers of both are the errors of one calibration of the camera
         correlation[np.ix_(i, j)] = np.eye(len(i)) if CAMERA in same and len(i) == len(j) else 0.0
     return np.asarray(correlation / np.outer(*sd))
 
 
-def _errors_of(result: Calibration) -> tuple[NDArray[np.str_], Array]:
-    """Names (q,) of the errors of the posterior, and the standard deviations that they had beforehand."""
+def _errors_of(result: Calibration) -> tuple[tuple[ErrorKey, ...], Array]:
+    """Keys (q,) of the errors of the posterior, and the standard deviations that they had beforehand."""
     assert result.posterior is not None
-    prior = {error.name: error.prior_sd for error in result.shared}
-    names = result.posterior.names
-    return np.array(names, dtype=np.str_), np.array([prior.get(name, 1.0) for name in names])
+    prior = {error.key: error.prior_sd for error in result.shared}
+    keys = result.posterior.keys
+    return keys, np.array([prior.get(key, 1.0) for key in keys])
 
 
 def _information_of_prior(old: Calibration, new: Calibration) -> Array | float:

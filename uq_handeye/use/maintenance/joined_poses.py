@@ -83,7 +83,7 @@ def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) 
             "with a covariance of each."
         )
     shared = np.concatenate([old.shared, np.zeros((new.n, 6, old.shared.shape[-1]))])
-    return JointCovariance(np.concatenate([old.own, new.own]), shared, old.names)
+    return JointCovariance(np.concatenate([old.own, new.own]), shared, old.keys)
 
 
 def require_joinable(old: PosePairs, new: PosePairs) -> None:

@@ -30,6 +30,7 @@ from ...calibration.calibrate import calibrate
 from ...calibration.estimate.analysis import FittedKinematics
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
+from ...calibration.evidence.same_things import TARGET, THINGS, checked_things, others_by_pictures
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
@@ -43,7 +44,6 @@ from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import TARGET, THINGS, checked_things, others_by_pictures
 from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
@@ -259,10 +259,10 @@ def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, opti
     assert result.W is not None
     posterior, move = before.absorb(evidence)
     sd = np.sqrt(np.maximum(np.diag(posterior.covariance)[12:], 0.0))
-    place = {name: k for k, name in enumerate(before.names)}
+    place = before.place
     shared = tuple(
         replace(error, estimate=float(posterior.estimate[k]), sd=float(sd[k]), told=None)
-        if (k := place.get(error.name)) is not None
+        if (k := place.get(error.key)) is not None
         else error
         for error in result.shared
     )

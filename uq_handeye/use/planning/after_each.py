@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...calibration.result import Calibration
-from ...calibration.statement.accuracy import amounts, part_name
+from ...calibration.statement.accuracy import amounts, part_keys
 from ...calibration.statement.tolerance import MET, Verdict, percent, probability_within
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...fit.likelihood.reference import Reference
+from ...model.error_terms.key import Kind
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
@@ -30,7 +31,7 @@ from .plan import plan, plan_from
 # From this share of the variance of X on the errors that all poses share are what limits it.
 LIMITING_VARIANCE_SHARE = 0.8
 # Parts of the accuracy that more poses average.
-AVERAGED = ("noise of", "correlated errors")
+AVERAGED = (Kind.POSES, Kind.POSES_AND_TOUCHES)
 # From this number of poses on the accuracy that is assumed by the residuals has converged.
 MIN_POSES_SETTLED = 10
 
@@ -67,12 +68,12 @@ def next_pose(result: Calibration, noise: Noise | None, shared: list[SharedError
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are those of the calibration
-            told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
+            told = all(error.key in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
                 found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=100).of(data))
             else:
-                errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
+                errors = None if shared is None else [error for error in shared if error.key in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=100)
     except (InputError, NotConvergedError):
         return None
@@ -127,21 +128,21 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
     if not result.has_budget or result.accuracy is None or result.covariance_kind != "model":
         return None
     budget = result.budget
-    together = any(" + " in source for source in budget.sources)
-    names = [part_name(source, together) for source in budget.sources]
-    stays = np.array([not name.startswith(AVERAGED) for name in names])
+    keys = part_keys(budget.keys)
+    stays = np.array([key.kind not in AVERAGED for key in keys])
     if not stays.any():
         return None
     floor = budget.covariances[stays, :6, :6].sum(axis=0)
     total = budget.covariances[:, :6, :6].sum(axis=0)
     length = result.accuracy.distance
-    parts = {name: 0.0 for name, kept in zip(names, stays, strict=True) if kept}
-    for name, S in zip(names, budget.covariances[:, :6, :6], strict=True):
-        if name in parts:
-            parts[name] += _mean_square(S, length)
-    largest = max(parts, key=lambda name: parts[name])
-    what = next((text for text in result.accuracy.included if text.startswith(largest)), largest)
-    assumed = any(error.error == largest and error.default for error in result.shared)
+    sizes = {key: 0.0 for key, kept in zip(keys, stays, strict=True) if kept}
+    for key, S in zip(keys, budget.covariances[:, :6, :6], strict=True):
+        if key in sizes:
+            sizes[key] += _mean_square(S, length)
+    largest = max(sizes, key=lambda key: sizes[key])
+    part = next(part for part in result.accuracy.parts if part.key == largest)
+    what = part.stated or part.name
+    assumed = any(error.key.error == largest and error.default for error in result.shared)
     if assumed and (result.n_poses or 0) < MIN_POSES_SETTLED:
         return None
     share = _mean_square(floor, length) / _mean_square(total, length)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...calibration.estimate.estimated import Estimated
+from ...calibration.evidence.same_things import ROBOT
 from ...calibration.prediction.predict import CameraAhead, camera_at, own_noise
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
@@ -34,7 +35,6 @@ from ...model.noise.estimate import NoisePrior
 from ...model.noise.models import PoseNoise
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import ROBOT
 from ...model.posterior.selection import weight_of_X
 from ...model.shared_errors.shared_error import SharedError
 from .candidates import require_choice
@@ -159,7 +159,7 @@ def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhea
         noise=PoseNoise(own_noise(result, "robot"), own_noise(result, "camera")),
         noise_estimated=known.noise_estimated,
         open_directions=known.open_directions,
-        shared=tuple(dict.fromkeys(error.error for error in result.shared)),
+        shared=tuple(dict.fromkeys(str(error.key.error) for error in result.shared)),
         form=form if form in FORMS else None,
         **{name: value[chosen] if name == "joints" else value for name, value in more.items()},
     )

@@ -156,7 +156,7 @@ def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
         _require_noise_of_poses(noise)
     if shared is not None:
         shared = checked_errors(shared, data)
-        if own := [error.name for error in shared if not error.is_exact and error.name not in OF_ANY_POSES]:
+        if own := [error.name for error in shared if not error.is_exact and error.key not in OF_ANY_POSES]:
             raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
     result = None
     with warnings.catch_warnings(record=True) as said:  # of a part that is open the plan speaks itself

@@ -1,4 +1,4 @@
-"""Owner of each error (robot, camera or target), and whether it is the same in a later session or independent there."""
+"""Robot, camera and target of a later session: which of them are those of a calibration, and which are others."""
 
 from __future__ import annotations
 
@@ -7,32 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...errors import InputError
-from ..noise.camera_noise import INTRINSICS
-from ..noise.joint_covariance import group_of
-from ..poses.pose_pairs import PosePairs
-from ..shared_errors.assumed import DRIFT
-from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from ...model.error_terms.key import Owner
+from ...model.poses.pose_pairs import PosePairs
 
-ROBOT, CAMERA, TARGET = "robot", "camera", "target"
-THINGS = (ROBOT, CAMERA, TARGET)
-ANEW = ""
+ROBOT, CAMERA, TARGET = THINGS = (Owner.ROBOT, Owner.CAMERA, Owner.TARGET)
 NOTHING = "none"
 # Largest difference of the focal lengths of two calibrations of one camera: in standard deviations, and relative.
 MAX_FOCAL_CHANGE_SD, MAX_FOCAL_CHANGE = 6.0, 0.03
-
-
-def owner_of(name: str) -> str:
-    """Return the thing that an error of this name belongs to.
-
-    >>> [owner_of(name) for name in ("view: 3", "target scale", "joint offsets: elbow", "drift of the camera: 1")]
-    ['camera', 'target', 'robot', '']
-    """
-    group = group_of(name)
-    if group in (FOCAL_LENGTH, VIEW, LENS, OUTLINE, INTRINSICS, "") or group.startswith(PRINCIPAL_POINT):
-        return CAMERA
-    if group.startswith(DRIFT):
-        return ANEW
-    return TARGET if group == TARGET_SCALE else ROBOT
 
 
 def checked_things(same: Iterable[str] | str) -> frozenset[str]:
@@ -56,7 +37,8 @@ def others_by_pictures(old: PosePairs | None, new: PosePairs | None) -> dict[str
     before, now = (None if poses is None else poses.camera_calibration for poses in (old, new))
     if before is None or now is None:
         return {}
-    found, (was, has) = {}, ("{} x {} pixels".format(*cam.image_size) for cam in (before, now))
+    found: dict[str, str] = {}
+    was, has = ("{} x {} pixels".format(*cam.image_size) for cam in (before, now))
     f, g = (cam.intrinsics["fx"] / cam.image_size[0] for cam in (before, now))
     sd = float(np.linalg.norm([cam.std["fx"] / cam.intrinsics["fx"] for cam in (before, now)]))
     if abs(np.log(g / f)) > max(MAX_FOCAL_CHANGE, MAX_FOCAL_CHANGE_SD * sd) or was != has:

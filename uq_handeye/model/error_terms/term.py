@@ -1,4 +1,4 @@
-r"""`Component`, one error of the poses: its side, its effect on each pose, and the prior of its size.
+r"""`ErrorTerm`, one error of the poses: its side, its effect on each pose, and the prior of its size.
 
 The error enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
 poses (left rotation in rad, additive translation in m), in one of two ways or both:
@@ -12,6 +12,7 @@ or log-normal with a median and a factor (one sigma of its logarithm).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,38 +21,24 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...model.shared_errors.sizes import Size, checked_sizes
+from ..shared_errors.sizes import Size, SizeLike, checked_sizes
+from .key import ErrorKey, Kind, Owner
 
 SIDES = ("robot", "camera")
 
 
 @dataclass(frozen=True, eq=False)
-class Component(ReadOnlyArrays):
-    """An error of all poses of a side, with its size; see the module.
+class ErrorTerm(ReadOnlyArrays):
+    """An error of all poses of a side, with its size; see the module."""
 
-    Parameters
-    ----------
-    name : str
-    side : "robot" or "camera"
-        Whose poses it moves; for motions that come without poses A is the robot.
-    size : Size, (median, factor) or a number that is known
-    columns : (n, 6, m) or None
-    block : (6, b), (n, 6, b) or None
-        At least one of the two is given.
-    parts : tuple of str
-        Names of the m columns; empty: ``name: 1`` and so on, or the name where m = 1.
-    """
-
-    name: str
+    key: ErrorKey
     side: str
     size: Size
     columns: Array | None = None
     block: Array | None = None
-    parts: tuple[str, ...] = ()
+    keys: tuple[ErrorKey, ...] = ()  # of the m columns; empty: counted from 1, or the key of the error where m = 1
 
     def __post_init__(self) -> None:
-        if not isinstance(self.size, Size):
-            object.__setattr__(self, "size", checked_sizes({self.name: self.size})[self.name])
         if self.side not in SIDES:
             raise InputError(
                 f"Expected `side` of the component {self.name!r} to be robot or camera, got {self.side!r}."
@@ -62,10 +49,10 @@ class Component(ReadOnlyArrays):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._checked(name, axes))
         m = self.count
-        parts = tuple(self.parts) or ((self.name,) if m == 1 else tuple(f"{self.name}: {k + 1}" for k in range(m)))
-        if len(parts) != m:
-            raise InputError(f"Expected {m} `parts` of the component {self.name!r}, got {len(parts)}.")
-        object.__setattr__(self, "parts", parts)
+        keys = tuple(self.keys) or ((self.key,) if m == 1 else tuple(self.key.number(k + 1) for k in range(m)))
+        if len(keys) != m:
+            raise InputError(f"Expected {m} `parts` of the component {self.name!r}, got {len(keys)}.")
+        object.__setattr__(self, "keys", keys)
         super().__post_init__()
 
     def _checked(self, name: str, axes: tuple[int, ...]) -> Array:
@@ -78,12 +65,45 @@ class Component(ReadOnlyArrays):
         return given
 
     @property
+    def name(self) -> str:
+        """The error in words."""
+        return str(self.key)
+
+    @property
     def count(self) -> int:
         """Number of columns m."""
         return 0 if self.columns is None else int(self.columns.shape[-1])
 
-    def rows(self, kept: NDArray[np.intp]) -> Component:
+    def rows(self, kept: NDArray[np.intp]) -> ErrorTerm:
         """Return the component of some of the poses."""
         columns = None if self.columns is None else self.columns[kept]
         block = self.block if self.block is None or self.block.ndim == 2 else self.block[kept]
         return replace(self, columns=columns, block=block)
+
+
+def Component(  # one of the ways to make an error, as users call it
+    name: str,
+    side: str,
+    size: SizeLike,
+    columns: Array | None = None,
+    block: Array | None = None,
+    parts: Sequence[str] = (),
+) -> ErrorTerm:
+    """Return an error of the user's own, on all poses of a side; see `ErrorTerm`.
+
+    Parameters
+    ----------
+    name : str
+    side : "robot" or "camera"
+        Whose poses it moves; for motions that come without poses A is the robot.
+    size : Size, (median, factor) or a number that is known
+    columns : (n, 6, m) or None
+    block : (6, b), (n, 6, b) or None
+        At least one of the two is given.
+    parts : sequence of str
+        Names of the m columns, added to that of the error; empty: 1 and so on.
+    """
+    if side not in SIDES:
+        raise InputError(f"Expected `side` of the component {name!r} to be robot or camera, got {side!r}.")
+    key = ErrorKey(Owner(side), Kind.OWN, name=name)
+    return ErrorTerm(key, side, checked_sizes({name: size})[name], columns, block, tuple(map(key.number, parts)))

@@ -1,0 +1,1 @@
+"""Errors of measured poses: the key that names one everywhere."""
