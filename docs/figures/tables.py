@@ -22,9 +22,11 @@ from uq_handeye.core.formatting.units import small_unit
 from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.numbers.levels import LEVELS
 from uq_handeye.fit.diagnostics.sentences import DECLARE
+from uq_handeye.model.error_terms.key import ErrorKey
+from uq_handeye.model.error_terms.keys import DRIFTS
+from uq_handeye.model.error_terms.sizes import CLASSES, SIZES, Size
 from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaults
 from uq_handeye.model.shared_errors.shared_error import OF_LENGTHS, SharedError
-from uq_handeye.model.shared_errors.sizes import CLASSES, SIZES, Size
 
 DOCS = Path(__file__).resolve().parents[1]
 MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
@@ -36,7 +38,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def quantity(name: str, size: Size) -> str:
+def quantity(name: ErrorKey | str, size: Size) -> str:
     """Return the median of the size of an error in the unit that people read; without one where it is of columns."""
     factor, unit = small_unit(size.unit) if size.unit or name in OF_LENGTHS else (1.0, "")
     return f"{factor * size.median:g} {unit}".strip()
@@ -47,17 +49,17 @@ def known(size: Size) -> str:
     return "known" if size.is_known else f"factor {size.factor:g}"
 
 
-def default_errors() -> dict[str, tuple[SharedError | None, SharedError | None]]:
+def default_errors() -> dict[ErrorKey, tuple[SharedError | None, SharedError | None]]:
     """Return the errors assumed by default: of finished camera poses, and of poses from corners or points."""
     poses = replace(uq.simulate(10, seed=1), truth=None, timestamps=range(10))
     drift = assumed_drift(poses)
-    both = [{error.name: error for error in (*replace_defaults((), known), *drift)} for known in (False, True)]
-    return {name: (both[0].get(name), both[1].get(name)) for name in SIZES if name in both[0] or name in both[1]}
+    both = [{error.key: error for error in (*replace_defaults((), known), *drift)} for known in (False, True)]
+    return {key: (both[0].get(key), both[1].get(key)) for key in SIZES if key in both[0] or key in both[1]}
 
 
 def sizes() -> str:
     """Return the table of the sizes that are assumed where nothing is declared."""
-    rows = ([name, quantity(name, size), known(size), size.source] for name, size in SIZES.items())
+    rows = ([str(key), quantity(key, size), known(size), size.source] for key, size in SIZES.items())
     return table(["error", "median", "before the data", "source"], rows)
 
 
@@ -70,21 +72,21 @@ def classes() -> str:
 def defaults() -> str:
     """Return the table of the errors that are assumed by default, by the kind of camera poses."""
     rows = []
-    for name, (finished, from_corners) in default_errors().items():
-        option = f"`{DECLARE[name][0]}`" if name in DECLARE else f'`--size "{name}=..."`'
-        when = ", with timestamps" if name.startswith("drift") else ""
-        rows.append([name, *("yes" + when if error else "no" for error in (finished, from_corners)), option])
+    for key, (finished, from_corners) in default_errors().items():
+        option = f"`{DECLARE[key][0]}`" if key in DECLARE else f'`--size "{key}=..."`'
+        when = ", with timestamps" if key in DRIFTS.values() else ""
+        rows.append([str(key), *("yes" + when if error else "no" for error in (finished, from_corners)), option])
     return table(["error", "finished camera poses", "poses from corners or points", "declared by"], rows)
 
 
 def covered() -> str:
     """Return the table of the systematic errors in the covariance, with the size that is assumed of each."""
     rows = []
-    for name, (_, from_corners) in default_errors().items():
+    for key, (_, from_corners) in default_errors().items():
         how = "yes" if from_corners else "yes; for poses from corners as their calibration determined it"
-        how += ", with timestamps" if name.startswith("drift") else ""
-        size = SIZES[name]
-        rows.append([name, how, f"{quantity(name, size)}, {known(size)}"])
+        how += ", with timestamps" if key in DRIFTS.values() else ""
+        size = SIZES[key]
+        rows.append([str(key), how, f"{quantity(key, size)}, {known(size)}"])
     return table(["error", "covered by default", "assumed size"], rows)
 
 

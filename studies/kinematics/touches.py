@@ -32,8 +32,8 @@ from uq_handeye.fit.one_model.integration import integrate
 from uq_handeye.fit.one_model.mode import find_mode
 from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
 from uq_handeye.model.error_terms.keys import JOINT_NOISE
+from uq_handeye.model.error_terms.sizes import SIZES, Size
 from uq_handeye.model.error_terms.term import ErrorTerm
-from uq_handeye.model.shared_errors.sizes import SIZES, Size
 
 TOUCH = "touch"
 TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand

@@ -13,6 +13,7 @@ from support import moved
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import DECLARE, _about_largest
 from uq_handeye.calibration.statement.accuracy import Part
+from uq_handeye.model.error_terms.keys import CLOCK_OFFSET, FOCAL_LENGTH, PRINCIPAL_POINT, ROBOT_SCALE, TARGET_SCALE
 from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
 from uq_handeye.read import write_pose_file
 
@@ -105,21 +106,21 @@ def test_more_poses_reduce_the_noise(tmp_path):
     assert max(after["std"][3:]) < 0.8 * max(before["std"][3:])
 
 
-@pytest.mark.parametrize("name", [name for name in DECLARE if name in DEFAULT_SD])
-def test_what_is_to_be_declared_is_better_than_what_is_assumed(name):
+@pytest.mark.parametrize("key", [key for key in DECLARE if key in DEFAULT_SD])
+def test_what_is_to_be_declared_is_better_than_what_is_assumed(key):
     """Declared as assumed, an error would leave X as it is; the option takes the value as it stands."""
-    option, value = DECLARE[name]
-    accuracy = SimpleNamespace(parts=[Part(name, 1.0, 1.0)], included=(f"{name} 0.1 % (assumed)",))
-    step = _about_largest(accuracy, 100)
+    option, value = DECLARE[key]
+    result = SimpleNamespace(n_poses=100, shared=[SimpleNamespace(key=key, default=True)])
+    step = _about_largest(result, SimpleNamespace(parts=[Part(key, 1.0, 1.0)]))
     assert f"{option} {value}" in step and "measure" in step
     make = {
-        "focal length": uq.SharedError.focal_length,
-        "principal point": uq.SharedError.principal_point,
-        "target scale": uq.SharedError.target_scale,
-        "robot scale": uq.SharedError.robot_scale,
-        "clock offset": uq.SharedError.clock_offset,
-    }[name]
-    assert make(value).sd[0] <= 0.5 * DEFAULT_SD[name]
+        FOCAL_LENGTH: uq.SharedError.focal_length,
+        PRINCIPAL_POINT: uq.SharedError.principal_point,
+        TARGET_SCALE: uq.SharedError.target_scale,
+        ROBOT_SCALE: uq.SharedError.robot_scale,
+        CLOCK_OFFSET: uq.SharedError.clock_offset,
+    }[key]
+    assert make(value).sd[0] <= 0.5 * DEFAULT_SD[key]
 
 
 @pytest.mark.slow

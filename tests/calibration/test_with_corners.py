@@ -14,7 +14,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.one_model.noise_of_data import estimate_robot_noise
-from uq_handeye.model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
+from uq_handeye.model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, TARGET_SCALE
 from uq_handeye.model.noise.estimate import NoisePrior
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.noise.models import marginals
@@ -42,11 +42,12 @@ def test_nothing_but_poses_from_corners(recording, result):
     assert result.method == "efficient" and isinstance(result.noise.camera, JointCovariance)
     of_corners = poses.camera_calibration.covariance.shared  # beside them the size of the target is in doubt
     np.testing.assert_array_equal(result.noise.camera.shared[..., : of_corners.shape[-1]], of_corners)
-    names = result.noise.camera.names[of_corners.shape[-1] :]
-    assert [name for name in names if not name.startswith("camera beyond its corners")] == ["target scale"]
+    keys = result.noise.camera.keys[of_corners.shape[-1] :]
+    assert [key for key in keys if key.error != CAMERA_EXCESS] == [TARGET_SCALE]
     found = result.noise_estimate
     assert found.from_corners and found["camera rotation"].status == "from corners"
-    plain = calibrate(poses, shared=[], correlation="none", sizes={CAMERA_EXCESS: "1e-6px", PICTURE_SHIFT: "1e-6px"})
+    tiny = {str(CAMERA_EXCESS): "1e-6px", str(PICTURE_SHIFT): "1e-6px"}
+    plain = calibrate(poses, shared=[], correlation="none", sizes=tiny)
     beside = calibrate(poses, shared=[], correlation="none")
     alone = estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X)
     for name in ("robot rotation", "robot translation"):  # the same model, but for what corners of a picture share

@@ -17,7 +17,8 @@ from uq_handeye.model.camera.given_intrinsics import (
 )
 from uq_handeye.model.camera.models import LINEAR, MODELS
 from uq_handeye.model.camera.stored_calibration import read_camera
-from uq_handeye.model.shared_errors.sizes import SIZES
+from uq_handeye.model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+from uq_handeye.model.error_terms.sizes import SIZES
 
 LINEAR_TRUTH = (1000.0, 1002.0, 668.0, 470.0)
 D = (-0.15, 0.08, 5e-4, -4e-4, -0.02)
@@ -41,7 +42,7 @@ def linear(**changes):
 
 
 def test_numbers_without_a_deviation_have_the_default_one():
-    assert SIZES["focal length"].median == SIZES["principal point"].median == DEFAULT_SD_SHARE
+    assert SIZES[FOCAL_LENGTH].median == SIZES[PRINCIPAL_POINT].median == DEFAULT_SD_SHARE
     given = with_default_deviations({"fx": 1000.0, "fy": (990.0, 3.0), "cx": 640.0, "cy": (480.0, 0.0), "k1": -0.1})
     assert given == {"fx": (1000.0, 0.995), "fy": (990.0, 3.0), "cx": (640.0, 0.995), "cy": (480.0, 0.0), "k1": -0.1}
 

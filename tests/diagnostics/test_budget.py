@@ -12,6 +12,8 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.core.formatting.numbers import fixed
 from uq_handeye.fit.diagnostics.budget import Budget
+from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
+from uq_handeye.model.error_terms.keys import PRINCIPAL_POINT
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,13 @@ def made(variances, relative, types=None):
     """A budget of X whose sources have these variances in every component."""
     parts = np.stack([v * np.eye(6) for v in variances])
     types = ("A",) * len(parts) if types is None else types
-    return Budget(tuple("abc"[: len(parts)]), parts, np.eye(4), types, np.array(relative))
+    return Budget(
+        tuple((ErrorKey(Owner.ROBOT, Kind.OWN, name=name),) for name in "abc"[: len(parts)]),
+        parts,
+        np.eye(4),
+        types,
+        np.array(relative),
+    )
 
 
 @pytest.mark.slow
@@ -87,7 +95,7 @@ def test_merged_sources_keep_the_whole(by_default):
     kinds = dict(zip(merged.sources, merged.types, strict=True))
     assert kinds["principal point x + principal point y"] == "B" and kinds["camera rotation + focal length"] == "A, B"
     assert merged.combined == pytest.approx(budget.combined)
-    more = budget.plus("principal point x", np.eye(12) * 1e-8)
+    more = budget.plus(PRINCIPAL_POINT.number("x"), np.eye(12) * 1e-8)
     assert more.types == budget.types and more.combined["X rotation"] > budget.combined["X rotation"]
     np.testing.assert_allclose(more.dof, budget.dof)
     assert budget.budget_at([0, 0, 0.5]).types == budget.types

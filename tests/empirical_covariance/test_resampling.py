@@ -33,6 +33,7 @@ from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
 from uq_handeye.methods.propagation.target_pose import mean_target
+from uq_handeye.model.error_terms.keys import TARGET_SCALE
 from uq_handeye.model.noise.pose_prior import PosePrior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
@@ -131,7 +132,7 @@ def test_what_is_known_beforehand_is_not_drawn(shared):
     camera = small.camera
     if shared:
         scale = uq.SharedError.target_scale(1e-3)
-        camera = uq.JointCovariance(np.tile(small.camera, (n, 1, 1)), scale.at(poses) * 1e-3, ("target scale",))
+        camera = uq.JointCovariance(np.tile(small.camera, (n, 1, 1)), scale.at(poses) * 1e-3, (TARGET_SCALE,))
     noise = uq.PoseNoise(small.robot, camera, prior=prior)
     found = efficient(poses, noise)
     at = influence_of(found)

@@ -242,9 +242,9 @@ def test_covariance_is_that_of_drawn_errors(rng):
         "joint_sd": 1e-4,
     }  # fmt: skip
     S = chain.covariance(q, flange="physical", **options)
-    assert S.n == 3 and S.names == tuple(error.name for error in chain.errors)
+    assert S.n == 3 and S.keys == tuple(error.key for error in chain.errors)
     units = {"joint offsets": 2e-3, "joint tilts": 1e-3, "link lengths": 5e-4, "transmission": 3e-4, "sag": 4e-4}
-    e = rng.normal(size=(4000, 1, len(S.names))) * [units[error.group] for error in chain.errors]
+    e = rng.normal(size=(4000, 1, len(S.keys))) * [units[error.group] for error in chain.errors]
     noisy = q + 1e-4 * rng.normal(size=(4000, 3, 4))
     errors = twist_between(chain.poses(q, e), chain.poses(noisy)).reshape(4000, 18)  # measured minus true
     white = np.linalg.solve(np.linalg.cholesky(np.asarray(S) + 1e-14 * np.eye(18)), errors.T)
@@ -257,10 +257,10 @@ def test_covariance_leaves_out_the_gauge_and_what_is_exact(rng):
     chain = Kinematics.from_urdf(SIX_AXES, tip="tool0")
     q = postures(rng, chain, 4)
     S = chain.covariance(q, "0.01deg", "0.1deg", "0.2mm")
-    kept = [error for error in chain.errors if error.name in S.names]
-    assert len(kept) == len(S.names) == 28 and not any(error.gauge for error in kept)
+    kept = [error for error in chain.errors if error.key in S.keys]
+    assert len(kept) == len(S.keys) == 28 and not any(error.gauge for error in kept)
     np.testing.assert_allclose(S.own, np.deg2rad(0.01) ** 2 * chain.jacobian(q) @ np.swapaxes(chain.jacobian(q), 1, 2))
-    assert chain.covariance(q).names == () and not chain.covariance(q).own.any()
+    assert chain.covariance(q).keys == () and not chain.covariance(q).own.any()
     assert chain.covariance(q, np.full(6, 1e-4)).own.any()
     for options in (
         {"joint_sd": [1.0, 2.0]},

@@ -55,9 +55,9 @@ def test_the_same_as_one_joint_fit(setup):
     np.testing.assert_allclose(found.covariance, C[:12, :12], rtol=1e-6, atol=1e-12)
     estimates = estimates_of(posterior_of_fit(found, noise, errors), errors, found)
     by_name = {estimate.name: estimate for estimate in estimates}
-    ordered = [name for side in ("robot", "camera") for e in errors if e.side == side for name in e.parts]
+    ordered = [name for side in ("robot", "camera") for e in errors if e.side == side for name in map(str, e.keys)]
     sd = np.concatenate([e.sd for e in errors])
-    names = [name for e in errors for name in e.parts]
+    names = [name for e in errors for name in map(str, e.keys)]
     assert set(ordered) == set(by_name)
     for k, name in enumerate(names):
         assert by_name[name].estimate == pytest.approx(-sd[k] * x[12 + k], rel=1e-5, abs=1e-9 * sd[k])

@@ -7,6 +7,7 @@ from support import assert_same_covariance, holds_for, random_covariance
 
 from uq_handeye.core.geometry.checks import checked_covariance
 from uq_handeye.errors import InputError
+from uq_handeye.model.error_terms.keys import FOCAL_LENGTH
 from uq_handeye.model.noise.camera_noise import CameraNoise
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.noise.models import PairNoise, PoseNoise, factor, is_joint, require_count
@@ -188,7 +189,7 @@ def test_factor(seed, size, rank):
 
 def test_noise_of_a_camera_of_unknown_pixels_is_a_table_and_no_robot():
     own, shared = np.tile(1e-6 * np.eye(6), (4, 1, 1)), np.full((4, 6, 1), 1e-3)
-    noise = CameraNoise(JointCovariance(own, shared, ("focal length",)), np.ones(1, dtype=bool))
+    noise = CameraNoise(JointCovariance(own, shared, (FOCAL_LENGTH,)), np.ones(1, dtype=bool))
     text = PoseNoise(camera=noise)._repr_html_()
     assert "per pixel of corner noise" in text and "the poses share 1 errors (focal length)" in text
     with pytest.raises(InputError, match="only `camera` may be a CameraNoise"):

@@ -18,10 +18,11 @@ from uq_handeye.fit.one_model.engine import Conditional, LatentModel, State
 from uq_handeye.fit.one_model.estimation import JointModel
 from uq_handeye.fit.one_model.integration import design, integrate
 from uq_handeye.fit.one_model.mode import Mode, find_mode, other_modes
+from uq_handeye.model.error_terms.keys import ROBOT_ACCURACY, TARGET_SCALE
+from uq_handeye.model.error_terms.sizes import Size
 from uq_handeye.model.error_terms.term import Component
 from uq_handeye.model.noise.estimate import NoisePrior
 from uq_handeye.model.shared_errors.shared_error import SharedError
-from uq_handeye.model.shared_errors.sizes import Size
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 TURN, SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
@@ -420,11 +421,11 @@ def test_the_probability_of_another_size(scale):
     """A target of the size given, of another one, in inches: the probability is near 0 or 1, from either start."""
     source, at = few_poses_of_an_arm(scale)
     found = source.find(at)
-    assert abs(found.probability_of("target scale", 3e-3) - (scale != 1.0)) < 0.01
+    assert abs(found.probability_of(TARGET_SCALE, 3e-3) - (scale != 1.0)) < 0.01
     assert found.mixture.odds.sum() == pytest.approx(1.0) and found.mixture.odds[0] == found.mixture.odds.max()
-    assert found.probability_of("target scale", 0.0) == pytest.approx(1.0)
+    assert found.probability_of(TARGET_SCALE, 0.0) == pytest.approx(1.0)
     with pytest.raises(InputError, match="target scale"):
-        found.probability_of("arm", 1e-3)
+        found.probability_of(ROBOT_ACCURACY, 1e-3)
 
 
 def test_a_search_begins_in_the_tail_too():

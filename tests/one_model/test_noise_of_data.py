@@ -131,7 +131,7 @@ def test_priors():
     part = loose["robot translation"]
     assert part.status == "prior" and part.low < 5e-5 < part.high and 2 < part.high / part.value < 5
     everything = estimate_noise(poses, NoisePrior(("0.02deg", "0.05mm"), ("0.1deg", "0.5mm"), factor=1))
-    assert everything.names == () and {part.status for part in everything.components} == {"fixed"}
+    assert everything.keys == () and {part.status for part in everything.components} == {"fixed"}
     np.testing.assert_allclose(everything[TOGETHER[1]].value ** 2, truth_of(WEAK_ROBOT)[2])
     assert np.isinf(effective_dof(efficient(poses, everything.noise), everything))
     both = estimate_noise(poses, NoisePrior(("0.02deg", "0.05mm"), ("0.1deg", "0.5mm")))

@@ -7,6 +7,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.fit.diagnostics.budget import parts_of_posterior
+from uq_handeye.model.error_terms.keys import SIZES_OPEN
 from uq_handeye.report.budget import worst_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -78,15 +79,15 @@ def test_deviations_of_errors_are_those_of_the_posterior(result):
 def test_the_budget_is_that_of_the_posterior(result):
     """Errors with what the mixture makes of them, sizes by what they move X, the noise of the poses the rest."""
     P, of = result.posterior, result.budget
-    parts = parts_of_posterior(P, {error.name: error.prior_sd for error in result.shared})
+    parts = parts_of_posterior(P, {error.key: error.prior_sd for error in result.shared})
     unit = np.sqrt(np.outer(*[np.diag(P.covariance)[:12]] * 2))
-    for name, S in parts.items():
-        np.testing.assert_allclose(of.covariances[of.sources.index(name)] / unit, S / unit, atol=1e-6)
+    for key, S in parts.items():
+        np.testing.assert_allclose(of.covariances[of.keys.index((key,))] / unit, S / unit, atol=1e-6)
     if P.points is not None:
         w, m, C = P.mixture_of("X", "W")
         effect = sum(w[:, None, None] * C) + (w * m.T) @ m
         np.testing.assert_allclose(effect / unit, of.covariance / unit, atol=1e-6)
-        assert np.abs(np.diag(parts["sizes of the errors"]) / np.diag(of.covariance)).max() < 0.3
+        assert np.abs(np.diag(parts[SIZES_OPEN]) / np.diag(of.covariance)).max() < 0.3
     noise = of.covariance - sum(parts.values(), np.zeros((12, 12)))
     assert np.linalg.eigvalsh(noise / unit)[0] > -1e-9
 

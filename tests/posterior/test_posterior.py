@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from scipy.stats import kstest
 
 import uq_handeye as uq
+from uq_handeye.model.error_terms.keys import ROBOT_ACCURACY, ROBOT_ROTATION, TARGET_SCALE, VIEW
 from uq_handeye.model.posterior.posterior import FreshNoise, Posterior, SizePoints
 from uq_handeye.model.posterior.rows import NewRows
 
@@ -30,11 +31,11 @@ def posterior(rng):
     m = 0.5 * rng.standard_normal((D, N))
     P = np.tensordot(w, C, axes=1) + (w * m.T) @ m
     back = np.linalg.inv(np.linalg.cholesky(P))
-    points = SizePoints(("a", "b"), rng.standard_normal((D, 2)), w, m @ back.T, back @ C @ back.T)
-    noise = (FreshNoise("robot rotation", "robot", np.eye(6), 0.5, rng.uniform(0.3, 0.8, D)),)
+    points = SizePoints((VIEW, ROBOT_ACCURACY), rng.standard_normal((D, 2)), w, m @ back.T, back @ C @ back.T)
+    noise = (FreshNoise(ROBOT_ROTATION, "robot", np.eye(6), 0.5, rng.uniform(0.3, 0.8, D)),)
     bound = tuple(np.tile(np.eye(4), (2, 5, 1, 1)))
-    names = ("view: 1", "target scale", "robot accuracy: 1")
-    return Posterior(names, rng.standard_normal(Q), P, points=points, noise=noise, bound=bound), C, m
+    keys = (VIEW.number(1), TARGET_SCALE, ROBOT_ACCURACY.number(1))
+    return Posterior(keys, rng.standard_normal(Q), P, points=points, noise=noise, bound=bound), C, m
 
 
 def rows_of(of, rng, r=None):
@@ -66,7 +67,7 @@ def test_d2_has_the_distribution_of_the_mixture(posterior, rng):
 
 
 def test_known_sizes_are_chi_square(posterior, rng):
-    of = Posterior(posterior[0].names, posterior[0].estimate, posterior[0].covariance)
+    of = Posterior(posterior[0].keys, posterior[0].estimate, posterior[0].covariance)
     assert NewRows(
         np.ones((2, 6)), rng.standard_normal((2, 6, N)), np.array([np.eye(6)] * 2), of
     ).test.reference.noise_given
@@ -88,7 +89,7 @@ def test_it_comes_back_from_its_text(posterior, rng):
     of = replace(posterior[0], points=None, noise=(replace(posterior[0].noise[0], by_point=np.zeros(0)),))
     again = Posterior.from_dict(json.loads(json.dumps(of.to_dict())))
     np.testing.assert_array_equal(again.covariance, of.covariance)
-    assert again.names == of.names and again.noise[0].name == of.noise[0].name
+    assert again.keys == of.keys and again.noise[0].key == of.noise[0].key
     np.testing.assert_array_equal(again.bound[0], of.bound[0])
     wrong = of.to_dict()
     wrong["noise"][0]["by_point"] = [1.0]
@@ -98,9 +99,7 @@ def test_it_comes_back_from_its_text(posterior, rng):
 
 def test_owners_and_blocks(posterior):
     of = posterior[0]
-    assert [(one.name, one.owner, one.numbers) for one in of.components] == [
-        ("view", "camera", (0,)), ("target scale", "target", (1,)), ("robot accuracy", "robot", (2,)),
-    ]  # fmt: skip
+    assert of.numbers == {VIEW: (0,), TARGET_SCALE: (1,), ROBOT_ACCURACY: (2,)}
     assert of.owned_by(["target", "robot"]).tolist() == [1, 2]
     np.testing.assert_array_equal(of.covariance_of("W"), of.covariance[6:12, 6:12])
     with pytest.raises(uq.InputError, match="out of X, W"):

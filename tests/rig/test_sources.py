@@ -13,6 +13,7 @@ from fixtures.streams import motion
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 from uq_handeye.model.camera.corners_file import corners_text
+from uq_handeye.model.error_terms.key import Kind
 from uq_handeye.read import write_pose_file
 from uq_handeye.rig.calibrate import calibrate_rig
 from uq_handeye.rig.checks.check import new_noise
@@ -74,7 +75,7 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
         rng = np.random.default_rng(seed)
         truth, _ = of_arm(tmp_path, rng)
         result = calibrate_rig(*read_rig(tmp_path / "rig.toml"))
-        assert any(name.startswith("arm joint offsets") for name in result.posterior.names)
+        assert any(key.kind == Kind.OFFSETS and key.name == "arm" for key in result.posterior.keys)
         squares.append(square(result.relative("left", "right"), np.linalg.inv(truth["left"]) @ truth["right"]) / 6)
     assert 0.5 < np.mean(squares) < 1.6  # chi-square of 48 numbers; X itself is stated in the frames of the workspace
     result.save(tmp_path / "rig.json")

@@ -9,7 +9,17 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
-from uq_handeye.model.error_terms.keys import OUTLINE
+from uq_handeye.model.error_terms.keys import (
+    FOCAL_LENGTH,
+    LENS,
+    OUTLINE,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    ROBOT_SCALE,
+    TARGET_SCALE,
+    VIEW,
+)
+from uq_handeye.model.error_terms.sizes import SIZES
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.model.shared_errors.assumed import (
@@ -19,7 +29,6 @@ from uq_handeye.model.shared_errors.assumed import (
     replace_defaults,
 )
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared, without_shared
-from uq_handeye.model.shared_errors.sizes import SIZES
 from uq_handeye.model.shared_errors.view import (
     HALF_WIDTH,
     intrinsics_columns,
@@ -130,7 +139,7 @@ def test_columns_of_the_outline_carry_those_of_the_lens_to_a_board_that_is_no_sq
 def test_an_outline_is_bound_to_poses_and_ends_with_them():
     poses = poses_of(facing(n=12))
     error = assumed_outline().bound(poses)
-    assert len(error.parts) == 12 == error.at(poses).shape[-1]
+    assert len(error.keys) == 12 == error.at(poses).shape[-1]
     again = bound_again(OUTLINE, poses)
     np.testing.assert_array_equal(again.at(poses.rows([3, 5])), error.at(poses)[[3, 5]])
 
@@ -273,9 +282,9 @@ def test_what_is_exact_has_no_column(tmp_path):
     data = uq.simulate(12, noise=NOISE, seed=1)
     own = SharedError.columns("own", np.ones((12, 6, 2)), [1e-4, 0.0], "robot")
     found = shared_columns([SharedError.focal_length(0), own, SharedError.target_scale()], data)
-    assert found["robot"].names == ("own 1",) and found["camera"].names == ("target scale",)
+    assert tuple(map(str, found["robot"].keys)) == ("own: 1",) and found["camera"].keys == (TARGET_SCALE,)
     result = uq.calibrate(data, noise=NOISE, shared=[SharedError.focal_length("none"), own])
-    assert [entry.name for entry in result.shared] == ["own 1"]
+    assert [entry.name for entry in result.shared] == ["own: 1"]
     result.to_json(tmp_path / "result.json")
     assert uq.Calibration.from_json(tmp_path / "result.json").shared[0].prior_sd == 1e-4
 
@@ -296,19 +305,19 @@ def test_defaults_and_what_replaces_them():
     finished, from_corners = default_errors(False), default_errors(True)
     assert [error.name for error in finished] == ["focal length", "principal point", "target scale"]
     assert [error.name for error in from_corners] == ["target scale"]
-    of_size = SIZES["target scale"]
+    of_size = SIZES[TARGET_SCALE]
     assert (finished[2].factor, float(finished[2].sd[0])) == (of_size.factor, of_size.median)
     declared = [SharedError.robot_scale(), SharedError.focal_length("0.5%"), SharedError.target_scale("exact")]
     errors = replace_defaults(declared, False)
-    assert [(error.name, float(error.sd[0])) for error in errors] == [
-        ("focal length", 5e-3),
-        ("principal point", 1e-3),
-        ("target scale", 0.0),
-        ("robot accuracy", 1.0),  # per unit of the population, to be bound
-        ("lens distortion", SIZES["lens distortion"].median),
+    assert [(error.key, float(error.sd[0])) for error in errors] == [
+        (FOCAL_LENGTH, 5e-3),
+        (PRINCIPAL_POINT, 1e-3),
+        (TARGET_SCALE, 0.0),
+        (ROBOT_ACCURACY, 1.0),  # per unit of the population, to be bound
+        (LENS, SIZES[LENS].median),
         (OUTLINE, SIZES[OUTLINE].median),
-        ("view", SIZES["view"].median),
-        ("robot scale", 1e-4),
+        (VIEW, SIZES[VIEW].median),
+        (ROBOT_SCALE, 1e-4),
     ]
     assert errors[2].is_exact and errors[2].factor == 1
 
@@ -321,7 +330,7 @@ def test_columns_can_be_taken_out_again():
     for side in ("robot", "camera"):
         np.testing.assert_array_equal(getattr(again, side), np.tile(getattr(NOISE, side), (12, 1, 1)))
     some = without_shared(noise, errors[:1])
-    assert some.robot.names == ("robot scale",) and not isinstance(some.camera, JointCovariance)
+    assert some.robot.keys == (ROBOT_SCALE,) and not isinstance(some.camera, JointCovariance)
     alone = with_shared(PoseNoise(robot=NOISE.robot), shared_columns(errors, data))
     assert without_shared(alone, errors).camera is None
 

@@ -35,7 +35,7 @@ def test_words_name_what_to_declare(result):
     text = limit_of(result)
     assert text.startswith("These poses alone give ") and "--robot-accuracy" in text
     assert " ".join(text.split()) in " ".join(result.summary().split())
-    assert result.to_dict()["accuracy"]["from_poses"]["assumed"][0] == "robot accuracy"
+    assert result.to_dict()["accuracy"]["from_poses"]["assumed"][0] == {"owner": "robot", "kind": "accuracy"}
 
 
 def test_one_number_where_all_noise_is_given():

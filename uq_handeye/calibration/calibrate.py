@@ -28,11 +28,11 @@ from ..errors import (
 from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..model.error_terms.sizes import Size
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
 from ..model.poses.pose_pairs import PosePairs, pairs_of
 from ..model.shared_errors.shared_error import SharedError
-from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
 from ..rig.noise import NoiseByName
 from ..rig.single import is_single, single_of

@@ -19,6 +19,7 @@ from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
 from ..model.error_terms.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
+from ..model.error_terms.sizes import checked_sizes
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     KinematicColumns,
@@ -32,7 +33,6 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.in_noise import shared_columns, with_shared
 from ..model.shared_errors.shared_error import SharedError, checked_errors
-from ..model.shared_errors.sizes import checked_sizes
 from .arm import Arm, _arm_of, with_declared
 from .request import BUNDLE, Request, of_motions
 

@@ -15,6 +15,7 @@ from ..errors import InputError, require_integer, require_one_of, require_type
 from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.error_terms.sizes import SizeLike, checked_sizes
 from ..model.error_terms.term import ErrorTerm
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
@@ -25,7 +26,6 @@ from ..model.poses.motions import relative_motions
 from ..model.poses.pose_numbers import Selection
 from ..model.poses.pose_pairs import PosePairs, as_joint_values
 from ..model.shared_errors.shared_error import SharedError, listed_errors
-from ..model.shared_errors.sizes import SizeLike, checked_sizes
 
 # Covariances of the result: of the noise, and of the residuals.
 COVARIANCES = ("model", *OF_RESIDUALS)

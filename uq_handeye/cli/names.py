@@ -42,7 +42,7 @@ PAPERS = ("a4", "letter")
 TITLES = tuple(ABOUT)
 UNITS = ("m", "mm", "cm", "um", "in")
 JOINT_UNITS = ("rad", "deg")
-# Those of kinematics.kinematic_errors and of shared_errors.sizes.
+# Those of kinematics.kinematic_errors and of error_terms.sizes.
 ROBOT_CLASSES = ("industrial", "cobot", "hobby")
 ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
 EVERY_CLASS = tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES)))

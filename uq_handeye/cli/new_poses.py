@@ -25,10 +25,10 @@ from .views import Views, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
+    from ..model.error_terms.sizes import Size
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
-    from ..model.shared_errors.sizes import Size
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class Estimation:
 
 def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     """Return the sizes of --size by name."""
-    from ..model.shared_errors.sizes import parse_size
+    from ..model.error_terms.sizes import parse_size
 
     with naming_option("--size"):
         found = dict(parsed := [parse_size(text) for text in texts])

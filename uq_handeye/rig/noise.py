@@ -18,11 +18,11 @@ from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError, require_type
 from ..model.error_terms.key import ErrorKey, Kind, Owner
 from ..model.error_terms.keys import JOINT_NOISE
+from ..model.error_terms.sizes import SIZES, Size
 from ..model.error_terms.term import ErrorTerm
 from ..model.kinematics.errors import LENGTHS
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.models import PoseNoise
-from ..model.shared_errors.sizes import SIZES, Size
 from .description import Rig
 from .graph import Graph
 

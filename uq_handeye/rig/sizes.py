@@ -29,11 +29,11 @@ from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
 from ..model.error_terms.key import ErrorKey, Kind, Owner
 from ..model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_POINT, TARGET_SCALE
+from ..model.error_terms.sizes import SIZES, Size
 from ..model.error_terms.term import ErrorTerm
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_accuracy, assumed_outline, assumed_view
 from ..model.shared_errors.shared_error import SharedError
-from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import (
     HALF_WIDTH,
     LENS_SHARES,

@@ -22,11 +22,11 @@ from ...core.numbers.rounding import CHAIN_ROUNDING, EPS
 from ...errors import InputError
 from ...model.error_terms.key import ErrorKey, Owner
 from ...model.error_terms.keys import DRIFTS, INTRINSICS
+from ...model.error_terms.sizes import RobotAccuracy
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
-from ...model.shared_errors.sizes import RobotAccuracy
 from .constraint import MIN_RESOLVED_SHARE, covariances_of
 from .gauss_helmert import Fit
 

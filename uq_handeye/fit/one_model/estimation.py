@@ -35,6 +35,7 @@ from ...model.error_terms.keys import (
     PIXELS,
     ROBOT_SHARED,
 )
+from ...model.error_terms.sizes import BY_NAME, SIZES, Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.kinematics.errors import LENGTHS
 from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, KinematicColumns
@@ -47,7 +48,6 @@ from ...model.noise.square_roots import Covariance
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm
 from ...model.shared_errors.shared_error import SharedError
-from ...model.shared_errors.sizes import BY_NAME, SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows

@@ -13,8 +13,8 @@ from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, PIXELS
+from ...model.error_terms.sizes import SIZES
 from ...model.noise.estimate import Component, together
-from ...model.shared_errors.sizes import SIZES
 from .estimation import INTERVAL_SD, FoundSizes
 
 # Errors that the corners of one picture share are reported if they are surely above this many times their usual size.

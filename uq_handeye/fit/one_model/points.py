@@ -31,11 +31,11 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import BY_VIEW, INTRINSICS, JOINT_NOISE
+from ...model.error_terms.sizes import Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.posterior.posterior import Absorbed, FreshNoise, Posterior, SizePoints
 from ...model.posterior.rows import NewRows, factor_of
-from ...model.shared_errors.sizes import Size
 from ...model.shared_errors.view import median_distance
 from .engine import LatentModel, Rows
 from .estimation import FoundSizes

@@ -10,10 +10,10 @@ from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import CAMERA_EXCESS, JOINT_NOISE, PICTURE_SHIFT, PIXELS
+from ...model.error_terms.sizes import SIZES
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import Component, FoundComponent, NoiseEstimate, together
-from ...model.shared_errors.sizes import SIZES
 from .estimation import INTERVAL_SD, KINDS, MAX_RESOLVED_SPREAD, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings
 

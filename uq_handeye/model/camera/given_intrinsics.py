@@ -47,7 +47,7 @@ from .corners import Corners
 from .models import LINEAR, MODELS
 
 # Standard deviation of focal lengths and centre that are given without one, in focal lengths: that of the shared errors
-# of finished poses (`model.shared_errors.sizes`).
+# of finished poses (`model.error_terms.sizes`).
 DEFAULT_SD_SHARE = 1e-3
 # Standard deviations from which on a contradiction is a caution, and from which on X is not usable.
 CAUTION_SD, FAILURE_SD = 3.0, 5.0

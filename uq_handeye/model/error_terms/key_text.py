@@ -1,4 +1,4 @@
-"""What errors are called in text.
+"""Names of errors in text.
 
 >>> text_of("camera", "rotation", None, ""), text_of("target", "scale", None, "")
 ('camera rotation', 'target scale')

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..shared_errors.sizes import Size, SizeLike, checked_sizes
 from .key import ErrorKey, Kind, Owner
+from .sizes import Size, SizeLike, checked_sizes
 
 SIDES = ("robot", "camera")
 

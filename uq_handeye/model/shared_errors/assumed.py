@@ -31,9 +31,9 @@ from ..error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
+from ..error_terms.sizes import CLASSES, SIZES
 from ..poses.pose_pairs import PosePairs
 from .shared_error import SharedError, of_intrinsics, population_error, the_same, unbound
-from .sizes import CLASSES, SIZES
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
 
 

@@ -56,9 +56,9 @@ from ..error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
+from ..error_terms.sizes import SIZES, RobotAccuracy, Size, stated_accuracy
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
-from .sizes import SIZES, RobotAccuracy, Size, stated_accuracy
 from .view import intrinsics_columns, median_distance, target_centre
 
 # Errors whose effect follows from poses, whatever they are.

@@ -35,10 +35,10 @@ from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.sizes import Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
-from ...model.shared_errors.sizes import Size
 from ...model.shared_errors.view import HALF_WIDTH
 from ..description import ArmPoses, Rig
 from ..fit import whitened

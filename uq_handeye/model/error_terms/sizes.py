@@ -17,8 +17,8 @@ import numpy as np
 from ...core.files.tree_values import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...errors import InputError
-from ..error_terms.key import ErrorKey, Owner
-from ..error_terms.keys import (
+from .key import ErrorKey, Owner
+from .keys import (
     BY_VIEW,
     CAMERA_EXCESS,
     CAMERA_ROTATION,
