@@ -30,8 +30,8 @@ from ..model.camera.adjustment.bundle import Sight, poses_only
 from ..model.camera.calibrated import Calibrated
 from ..model.camera.given_intrinsics import CAUTION_SD, finding_of, given_test
 from ..model.camera.result import CameraCalibration
-from ..model.noise.camera_noise import INTRINSICS
-from ..model.noise.joint_covariance import group_of, joint_of
+from ..model.error_terms.keys import INTRINSICS
+from ..model.noise.joint_covariance import joint_of
 from ..model.noise.models import Noise
 from ..model.posterior.posterior import Posterior
 from .result import Calibration
@@ -39,11 +39,11 @@ from .result import Calibration
 
 def _moves(seen: Calibrated, noise: Noise | None, posterior: Posterior) -> tuple[Array, list[int]] | None:
     """Return T (p, q) of all parameters of the camera, and which errors of the posterior its columns belong to."""
-    index = [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
+    index = [k for k, key in enumerate(posterior.keys) if key.error == INTRINSICS]
     S = joint_of(getattr(noise, "camera", None))
     if not index or S is None:
         return None
-    shared = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
+    shared = S.shared[..., [key in (None, INTRINSICS) for key in S.keys]]
     if shared.shape[-1] != len(index):
         return None
     T = np.zeros((len(seen.bundle.free), len(index)))
