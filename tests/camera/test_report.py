@@ -333,7 +333,8 @@ def test_intrinsics_to_copy_are_those_of_the_camera(right, model):
     np.testing.assert_allclose(np.reshape(info["camera_matrix"]["data"], (3, 3)), K, rtol=1e-15)
     np.testing.assert_allclose(np.reshape(info["projection_matrix"]["data"], (3, 4))[:, :3], K, rtol=1e-15)
     d = np.array(info["distortion_coefficients"]["data"])
-    sizes = {"pinhole": ("plumb_bob", 5), "brown": ("plumb_bob", 5), "fisheye": ("equidistant", 4)}
+    sizes = {"fisheye": ("equidistant", 4), "fisheye624": ("fisheye624", 12), "inverse_brown": ("inverse_brown", 5)}
+    sizes |= dict.fromkeys(("pinhole", "brown", "brown_full"), ("plumb_bob", 5))
     assert (info["distortion_model"], len(d)) == sizes[model]
     np.testing.assert_allclose(d, np.pad(values[4:], (0, 8))[: len(d)])
     assert (info["image_width"], info["image_height"]) == SIZE

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 # Names of camera.models.MODELS, and "auto", repeated here so that help and completion load quickly.
-MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye")
+MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye", "brown_full", "inverse_brown", "fisheye624")
 COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
@@ -32,7 +32,7 @@ class LensOptions(Options):
     """Options of the camera model.
 
     Options (Camera model):
-      --model NAME <MODEL_NAMES>: Camera model: {MODEL_NAMES}. auto selects by BIC. Default: auto.
+      --model NAME <MODEL_NAMES>: Camera model: {MODEL_NAMES}. auto selects by BIC among the first three. Default: auto.
       --coefficients NAMES <COEFFICIENT_NAMES>: Distortion coefficients to estimate, e.g. k1,k2; the others are 0.
         Default: all of the model.
       --intrinsics FILE[,exact]: Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or a file of OpenCV,

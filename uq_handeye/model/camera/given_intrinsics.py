@@ -57,7 +57,10 @@ HALF_PIXEL_CAUTION_SD, MAX_HALF_PIXEL_SD = 2.75, 2.0
 # Standard deviations of the search for the model of the lens and the shape of the board, in which given numbers are
 # open: of focal lengths and centre in focal lengths, of coefficients without unit.
 OPEN_SD = {"fx": 0.05, "fy": 0.05, "cx": 0.05, "cy": 0.05}
-OPEN_COEFFICIENT_SD = {"p1": 0.02, "p2": 0.02, "s1": 0.02, "s2": 0.02, "s3": 0.02, "s4": 0.02, "tx": 0.05, "ty": 0.05}
+OPEN_COEFFICIENT_SD = dict.fromkeys(("p0", "p1", "p2", "s0", "s1", "s2", "s3", "s4"), 0.02) | {
+    "tau_x": 0.05,
+    "tau_y": 0.05,
+}
 OPEN_RADIAL_SD = 0.3
 # A contradiction of the open prior by this many of its standard deviations: the search is repeated without it.
 MAX_OPEN_SHIFT_SD = 2.0

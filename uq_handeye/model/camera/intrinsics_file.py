@@ -179,23 +179,30 @@ def opencv_text(cam: Calibrated) -> str:
     )
 
 
+# Functions of OpenCV that project by each model; others have none.
+_FUNCTIONS = {"pinhole": "cv2", "brown": "cv2", "brown_full": "cv2", "fisheye": "cv2.fisheye"}
+
+
+def _functions(cam: Calibrated) -> str:
+    """Return which functions the coefficients are for."""
+    if cam.model in _FUNCTIONS:
+        return f"the functions of {_FUNCTIONS[cam.model]}"
+    return f"the model {cam.model}, which OpenCV does not have"
+
+
 def coefficients_of(cam: Calibrated) -> Array:
-    """(c, 1): 5 or 8 of Brown, 4 of fisheye, 5 zeros of a pinhole, as OpenCV's functions take them."""
+    """(c, 1): 5, 8 or 14 of Brown, 4 of fisheye, 5 zeros of a pinhole, as OpenCV's functions take them; all of others."""
     d = np.array([cam.intrinsics[name] for name in cam.bundle.model.coefficients])
     if cam.model == "pinhole":
         d = np.zeros(5)
-    elif cam.model == "brown" and not d[5:].any():
-        d = d[:5]
+    elif cam.model in ("brown", "brown_full"):
+        d = d[: next(count for count in (5, 8, 14) if not d[count:].any())]
     return np.asarray(d[:, None])
 
 
 def _comment(cam: Calibrated) -> str:
-    functions = "cv2.fisheye" if cam.model == "fisheye" else "cv2"
     names = ", ".join(cam.bundle.model.coefficients[: len(coefficients_of(cam))]) or "none, zeros"
-    return (
-        f"by uq-handeye: pixels, the first pixel's centre at (0, 0); for the functions of {functions}; "
-        f"coefficients {names}"
-    )
+    return f"by uq-handeye: pixels, the first pixel's centre at (0, 0); for {_functions(cam)}; coefficients {names}"
 
 
 PIXELS = "Pixels; the centre of the first pixel is at (0, 0), as in OpenCV."
@@ -203,9 +210,9 @@ PIXELS = "Pixels; the centre of the first pixel is at (0, 0), as in OpenCV."
 
 def camera_snippets(cam: Calibrated) -> list[Snippet]:
     """OpenCV's FileStorage, ROS's camera_info and Python."""
-    functions = "cv2.fisheye" if cam.model == "fisheye" else "cv2"
+    functions = _functions(cam)
     return [
-        Snippet("OpenCV FileStorage (YAML)", f"{PIXELS} For the functions of {functions}.", opencv_text(cam), "yaml"),
+        Snippet("OpenCV FileStorage (YAML)", f"{PIXELS} For {functions}.", opencv_text(cam), "yaml"),
         Snippet(
             "ROS camera_info (YAML)",
             f"{PIXELS} The distortion model is {ros_model(cam)}; put the name of your own camera in.",
@@ -226,7 +233,9 @@ def ros_model(cam: Calibrated) -> str:
     """Return the name of the model in ROS."""
     if cam.model == "fisheye":
         return "equidistant"
-    return "rational_polynomial" if len(coefficients_of(cam)) == 8 else "plumb_bob"
+    if cam.model not in _FUNCTIONS:
+        return cam.model
+    return "plumb_bob" if len(coefficients_of(cam)) == 5 else "rational_polynomial"
 
 
 def ros_text(cam: Calibrated) -> str:

@@ -14,8 +14,18 @@ with the coefficients of OpenCV's models, in OpenCV's order:
 - ``fisheye`` (Kannala-Brandt): with ``rho = sqrt(x^2 + y^2)``, ``phi = atan2(rho, z)`` and
   ``h = phi (1 + k1 phi^2 + k2 phi^4 + k3 phi^6 + k4 phi^8)``:  ``(x_d, y_d) = (h / rho) (x, y)``.
 
+Models of other files, which are not searched for but taken as given or named:
+
+- ``brown_full``: ``brown`` with the thin prism ``x_d += s1 s + s2 s^2``, ``y_d += s3 s + s4 s^2`` and the tilted sensor
+  of OpenCV, in its order of 14 coefficients.
+- ``inverse_brown`` (RealSense, ifm): the first five coefficients of ``brown`` lead from (x_d, y_d) to (a, b).
+- ``fisheye624`` (Project Aria; COLMAP's RAD_TAN_THIN_PRISM_FISHEYE): ``(x_r, y_r) = (h / rho) (x, y)`` with six
+  coefficients ``h = phi (1 + k0 phi^2 + ... + k5 phi^12)``, then with ``p = (p0, p1)``, ``s = x_r^2 + y_r^2``:
+  ``(x_d, y_d) = (x_r, y_r) (1 + 2 p . (x_r, y_r)) + s p + (s0 s + s1 s^2, s2 s + s3 s^2)``.
+
 Source: documentation of OpenCV's calib3d and fisheye modules; D. Brown, Photogrammetric Engineering 37 (1971);
-J. Kannala, S. Brandt, IEEE Trans. PAMI 28 (2006), doi:10.1109/TPAMI.2006.153.
+J. Kannala, S. Brandt, IEEE Trans. PAMI 28 (2006), doi:10.1109/TPAMI.2006.153; ``rs2_deproject_pixel_to_point`` of
+librealsense; ``FisheyeRadTanThinPrism.h`` of projectaria_tools.
 """
 
 from __future__ import annotations
@@ -30,6 +40,8 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
+# Largest step of the inversion of a lens, in normalised coordinates.
+MAX_INVERSE_STEP = 0.2
 Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
 
 
@@ -63,6 +75,7 @@ class CameraModel:
     name: str
     coefficients: tuple[str, ...]
     distort: Distortion
+    wide: bool = False  # whether it describes rays beyond 90 degrees from the axis
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,18 +142,25 @@ def _brown(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
 
 
 def _fisheye(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
-    k1, k2, k3, k4 = coefficients.tolist()
+    return _by_angle(coefficients, x, y, z)
+
+
+def _by_angle(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    """Distort by a polynomial in the angle from the axis, with any number of coefficients."""
     # On the optical axis h/rho is 1/z, and its derivative by rho is 0: the tiny number keeps that without a branch.
     rho = np.sqrt(x * x + y * y) + 1e-12 * np.abs(z)
     phi = np.arctan2(rho, z)
     q = phi * phi
     over = 1.0 / rho
-    ratio = phi * over * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
-    whole = (1.0 + q * (3.0 * k1 + q * (5.0 * k2 + q * (7.0 * k3 + q * (9.0 * k4))))) / (rho * rho + z * z)
+    series, derivative = np.zeros_like(q), np.zeros_like(q)
+    for degree, k in reversed(list(enumerate(coefficients.tolist(), 1))):
+        series, derivative = q * (k + series), q * ((2 * degree + 1) * k + derivative)
+    ratio = phi * over * (1.0 + series)
+    whole = (1.0 + derivative) / (rho * rho + z * z)
     slope = (whole * z - ratio) * over * over  # of the ratio by rho, over rho
     columns = []
     power = phi * over
-    for _ in range(4):
+    for _ in range(len(coefficients)):
         power = power * q
         columns.append((power * x, power * y))
     xy = slope * x * y
@@ -148,11 +168,114 @@ def _fisheye(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
     return Distorted((ratio * x, ratio * y), tuple(columns), by_point)
 
 
+def _brown_full(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    at, by_coefficients, by_point = _brown(coefficients[:8], x, y, z)
+    s1, s2, s3, s4 = coefficients[8:12].tolist()
+    a, b = x / z, y / z
+    s = a * a + b * b
+    of_s = s1 + 2.0 * s2 * s, s3 + 2.0 * s4 * s
+    at = at[0] + s * (s1 + s2 * s), at[1] + s * (s3 + s4 * s)
+    by_s = 2.0 * a / z, 2.0 * b / z, -2.0 * s / z
+    by_point = tuple((part[0] + of_s[0] * by, part[1] + of_s[1] * by) for part, by in zip(by_point, by_s, strict=True))
+    none = np.zeros_like(s)
+    columns = (*by_coefficients, (s, none), (s * s, none), (none, s), (none, s * s))
+    # The tilted sensor: a homography of the plane.
+    H, by_tilts = _tilt(*coefficients[12:14].tolist())
+    w = 1.0 / (H[2, 0] * at[0] + H[2, 1] * at[1] + H[2, 2])
+    seen = tuple((H[k, 0] * at[0] + H[k, 1] * at[1] + H[k, 2]) * w for k in (0, 1))
+    J = [[(H[k, j] - seen[k] * H[2, j]) * w for j in (0, 1)] for k in (0, 1)]
+
+    def through(part: Pair) -> Pair:
+        return J[0][0] * part[0] + J[0][1] * part[1], J[1][0] * part[0] + J[1][1] * part[1]
+
+    def tilted(D: Array) -> Pair:
+        top = [D[k, 0] * at[0] + D[k, 1] * at[1] + D[k, 2] for k in range(3)]
+        return (top[0] - seen[0] * top[2]) * w, (top[1] - seen[1] * top[2]) * w
+
+    x_by, y_by, z_by = map(through, by_point)
+    return Distorted((seen[0], seen[1]), (*map(through, columns), *map(tilted, by_tilts)), (x_by, y_by, z_by))
+
+
+def _tilt(tx: float, ty: float) -> tuple[Array, tuple[Array, Array]]:
+    """Homography (3, 3) of a sensor that is tilted by two angles, as OpenCV's, and its derivatives by both."""
+    (cx, sx), (cy, sy) = ((np.cos(angle), np.sin(angle)) for angle in (tx, ty))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
+    about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
+    by_x = np.array([[0.0, 0.0, 0.0], [0.0, -sx, cx], [0.0, -cx, -sx]])
+    by_y = np.array([[-sy, 0.0, -cy], [0.0, 0.0, 0.0], [cy, 0.0, -sy]])
+
+    def projector(R: Array, ones: float) -> Array:
+        return np.array([[R[2, 2], 0.0, -R[0, 2]], [0.0, R[2, 2], -R[1, 2]], [0.0, 0.0, ones]])
+
+    R = about_y @ about_x
+    moves = about_y @ by_x, by_y @ about_x
+    M = projector(R, 1.0)
+    return M @ R, (projector(moves[0], 0.0) @ R + M @ moves[0], projector(moves[1], 0.0) @ R + M @ moves[1])
+
+
+def _inverse_brown(coefficients: Array, x: Array, y: Array, z: Array, max_steps: int = 50) -> Distorted:
+    """Solve ``brown(x_d, y_d) = (a, b)`` by Newton steps; the derivatives are those of the implicit function."""
+    whole = np.append(coefficients, np.zeros(3))
+    w = 1.0 / z
+    a, b = x * w, y * w
+    u, v, one = a.copy(), b.copy(), np.ones_like(a)
+    for _ in range(max_steps):
+        found = _brown(whole, u, v, one)
+        (xx, xy), (_, yy) = found.by_point[:2]
+        off_a, off_b = found.at[0] - a, found.at[1] - b
+        over = 1.0 / (xx * yy - xy * xy)
+        step_u, step_v = (yy * off_a - xy * off_b) * over, (xx * off_b - xy * off_a) * over
+        size = np.maximum(np.hypot(step_u, step_v) / MAX_INVERSE_STEP, 1.0)  # where the polynomial folds
+        u, v = u - step_u / size, v - step_v / size
+        if max(np.abs(step_u).max(initial=0.0), np.abs(step_v).max(initial=0.0)) < 1e-13:
+            break
+    found = _brown(whole, u, v, one)
+    (xx, xy), (_, yy) = found.by_point[:2]
+    over = 1.0 / (xx * yy - xy * xy)
+    ia, ib, ic = yy * over, -xy * over, xx * over  # the inverse, symmetric as the derivative of brown is
+    columns = tuple((-(ia * p + ib * q), -(ib * p + ic * q)) for p, q in found.by_coefficients[:5])
+    by_point = (ia * w, ib * w), (ib * w, ic * w), (-(ia * a + ib * b) * w, -(ib * a + ic * b) * w)
+    return Distorted((u, v), columns, by_point)
+
+
+def _fisheye624(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
+    (u, v), radial, by_point = _by_angle(coefficients[:6], x, y, z)
+    p0, p1, s0, s1, s2, s3 = coefficients[6:].tolist()
+    s, dot = u * u + v * v, p0 * u + p1 * v
+    at = u * (1.0 + 2.0 * dot) + s * (p0 + s0 + s1 * s), v * (1.0 + 2.0 * dot) + s * (p1 + s2 + s3 * s)
+    of_u, of_v = 2.0 * (p0 + s0 + 2.0 * s1 * s), 2.0 * (p1 + s2 + 2.0 * s3 * s)  # by s, times two
+    J = (
+        (1.0 + 2.0 * dot + 2.0 * p0 * u + of_u * u, 2.0 * p1 * u + of_u * v),
+        (2.0 * p0 * v + of_v * u, 1.0 + 2.0 * dot + 2.0 * p1 * v + of_v * v),
+    )
+
+    def through(part: Pair) -> Pair:
+        return J[0][0] * part[0] + J[0][1] * part[1], J[1][0] * part[0] + J[1][1] * part[1]
+
+    none = np.zeros_like(s)
+    tangential = (2.0 * u * u + s, 2.0 * u * v), (2.0 * u * v, 2.0 * v * v + s)
+    prism = (s, none), (s * s, none), (none, s), (none, s * s)
+    x_by, y_by, z_by = map(through, by_point)
+    return Distorted(at, (*map(through, radial), *tangential, *prism), (x_by, y_by, z_by))
+
+
 MODELS = {
     model.name: model
     for model in (
         CameraModel("pinhole", (), _pinhole),
         CameraModel("brown", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), _brown),
-        CameraModel("fisheye", ("k1", "k2", "k3", "k4"), _fisheye),
+        CameraModel("fisheye", ("k1", "k2", "k3", "k4"), _fisheye, wide=True),
+        CameraModel(
+            "brown_full",
+            ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y"),
+            _brown_full,
+        ),
+        CameraModel("inverse_brown", ("k1", "k2", "p1", "p2", "k3"), _inverse_brown),
+        CameraModel(
+            "fisheye624",
+            ("k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3"),
+            _fisheye624,
+            wide=True,
+        ),
     )
 }

@@ -21,7 +21,7 @@ def rays(model: CameraModel, parameters: Array, pixels: Array, max_steps: int = 
     """Unit vectors (..., 3) in the camera frame; nan where no direction is seen at that pixel."""
     away = (pixels - parameters[2:4]) / parameters[:2]
     radius = np.linalg.norm(away, axis=-1)
-    angle = np.minimum(radius, 2.5) if model.name == "fisheye" else np.arctan(radius)
+    angle = np.minimum(radius, 2.5) if model.wide else np.arctan(radius)
     across = away * (np.sin(angle) / np.maximum(radius, 1e-12))[..., None]
     d = np.concatenate([across, np.cos(angle)[..., None]], axis=-1)
     for _ in range(max_steps):
@@ -36,7 +36,7 @@ def rays(model: CameraModel, parameters: Array, pixels: Array, max_steps: int = 
         step = (J.mT @ np.linalg.solve(square, off[..., None]))[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         d = d + step * np.minimum(1.0, 0.2 / np.maximum(length, 1e-12))
-        if model.name != "fisheye":  # these see nothing behind the camera
+        if not model.wide:  # these see nothing behind the camera
             d[..., 2] = np.maximum(d[..., 2], 1e-3)
         d /= np.linalg.norm(d, axis=-1, keepdims=True)
     off = pixels - model.project(parameters, d).pixels

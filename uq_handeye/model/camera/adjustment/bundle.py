@@ -218,7 +218,7 @@ class Sight:
         board = (self.shape.points + self.shape.displacement(parameters[k:])).T
         turned = poses[:, :3, :3] @ np.moveaxis(np.take(board, self.row, axis=-1), 1, 0)
         points = turned + poses[:, :3, 3:]
-        in_front = np.asarray((points[:, 2] > 0) | (self.model.name == "fisheye"))
+        in_front = np.asarray((points[:, 2] > 0) | self.model.wide)
         if not in_front.all():
             points = np.where(in_front[:, None], points, np.array([0.0, 0.0, 1.0])[:, None])
         return turned, self.model.project(parameters[:k], points.mT, free), in_front

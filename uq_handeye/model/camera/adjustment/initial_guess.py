@@ -27,7 +27,7 @@ def first_guess(model: CameraModel, corners: Corners, image_size: tuple[int, int
     """
     few = _thinned(corners)
     flat = _flat(few)
-    if model.name == "fisheye":
+    if model.wide:
         return _fisheye(model, few, flat, image_size)
     parameters = np.zeros(len(model.names))
     parameters[:4] = _linear(few, flat, image_size)
@@ -125,9 +125,10 @@ def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tupl
     # Focal lengths as multiples of half the width of the picture per radian. Corners far from the axis are not used.
     focal_lengths, widest = np.geomspace(0.3, 3.0, 16) * 0.5 * width, np.radians(80.0)
     pinhole = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)  # the fisheye that is a pinhole: tan(phi) as a series
-    starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in focal_lengths]
+    more = np.zeros(len(model.names) - 8)
+    starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0, *more]) for f in focal_lengths]
     with suppress(InputError):  # of a wide lens, where it may fail
-        starts.append(np.concatenate([_linear(corners, flat, image_size), pinhole]))
+        starts.append(np.concatenate([_linear(corners, flat, image_size), pinhole, more]))
     best: tuple[float, Array, Array] | None = None
     for parameters in starts:
         away = (corners.pixels - parameters[2:4]) / parameters[:2]

@@ -36,7 +36,14 @@ CANDIDATES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("fisheye", ("k1", "k2", "k3", "k4")),
 )
 # Coefficients that a model has unless the caller names others.
-USUAL = {"pinhole": (), "brown": ("k1", "k2", "p1", "p2"), "fisheye": ("k1", "k2", "k3", "k4")}
+USUAL = {
+    "pinhole": (),
+    "brown": ("k1", "k2", "p1", "p2"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+    "brown_full": ("k1", "k2", "p1", "p2"),
+    "inverse_brown": ("k1", "k2", "p1", "p2"),
+    "fisheye624": ("k0", "k1", "k2", "k3", "p0", "p1"),
+}
 Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
 
 
@@ -62,7 +69,7 @@ def search(
     found: ModelFit | None = None
     reasons = []
     for fisheye in (False, True):
-        members = [lens for lens in lenses if (lens[0] == "fisheye") == fisheye]
+        members = [lens for lens in lenses if MODELS[lens[0]].wide == fisheye]
         if not members:
             continue
         try:

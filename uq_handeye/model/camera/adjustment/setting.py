@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ..board_shape import BoardShape
-from ..corners import Corners
+from ..corners import MIN_CORNERS, Corners
 from ..models import LINEAR, CameraModel
+from ..rays import rays
 from .bundle import Bundle, BundleUnknowns, Prior, adjust
 from .initial_guess import first_guess, poses_of
 from .two_minima import MAX_AMBIGUOUS_POINTS, better_start
 
+# Rays with a smaller part along the axis are too far to the side for the start of a pose.
+MIN_RAY_DEPTH = 0.2
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]
 
@@ -66,7 +69,14 @@ class Setting(BundleUnknowns):
             parameters = np.where(np.isnan(self.values), parameters, self.values)
         else:
             parameters = self.values
-        poses = poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
+        seen_at = rays(self.model, parameters[: len(self.model.names)], corners.pixels)
+        plain = (corners.pixels - parameters[2:4]) / parameters[:2]
+        ahead = np.isfinite(seen_at[:, 2]) & (seen_at[:, 2] > MIN_RAY_DEPTH)
+        undistorted = seen_at[:, :2] / np.where(ahead, seen_at[:, 2], 1.0)[:, None]
+        if (np.bincount(corners.picture[ahead], minlength=corners.n) >= MIN_CORNERS).all():
+            poses = poses_of(corners, np.ascontiguousarray(undistorted), ahead)
+        else:  # given coefficients that see nothing at these pixels
+            poses = poses_of(corners, plain)
         if len(self.shape.points) < MAX_AMBIGUOUS_POINTS:
             poses = better_start(self.model, parameters, self.shape, corners, poses)
         return parameters, poses
