@@ -191,7 +191,7 @@ def _functions(cam: Calibrated) -> str:
 
 
 def coefficients_of(cam: Calibrated) -> Array:
-    """(c, 1): 5, 8 or 14 of Brown, 4 of fisheye, 5 zeros of a pinhole, as OpenCV's functions take them; all of others."""
+    """(c, 1): as OpenCV takes them, 5, 8 or 14 of Brown, 4 of fisheye, 5 zeros of a pinhole; all of other models."""
     d = np.array([cam.intrinsics[name] for name in cam.bundle.model.coefficients])
     if cam.model == "pinhole":
         d = np.zeros(5)
