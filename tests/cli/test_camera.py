@@ -197,7 +197,10 @@ def test_known_intrinsics_of_a_file(table):
     assert done.returncode == 3 and "cx 360 given" in " ".join(done.stdout.split())
     (folder / "large.json").write_text('{"fx": 1500.0, "image_size": [1280, 960]}')
     done = run("camera", "corners.csv", "--image-size", "640x480", "--intrinsics", "large.json", cwd=folder)
-    assert done.returncode == 2 and "pictures of 1280 x 960 pixels, got 640 x 480. Scale fx" in done.stderr
+    assert done.returncode == 0 and "scaled by 0.5 from 1280 x 960" in " ".join(done.stdout.split())
+    (folder / "wide.json").write_text('{"fx": 750.0, "image_size": [1280, 720]}')
+    done = run("camera", "corners.csv", "--image-size", "640x480", "--intrinsics", "wide.json", cwd=folder)
+    assert done.returncode == 2 and "another aspect: a part of them. Add --roi" in done.stderr
 
 
 @pytest.mark.parametrize(

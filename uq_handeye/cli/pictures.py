@@ -9,7 +9,7 @@ from ..errors import InputError
 from .boards import BoardOptions
 from .messages import LOG, progress_wanted, timed
 from .options import Options
-from .values import one_of
+from .values import floats, one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:
@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from ..model.camera.board_shape import BoardShape
     from ..model.camera.corners import Corners
     from ..model.camera.description import Board
-    from ..model.camera.intrinsics_file import KnownIntrinsics
+    from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.result import CameraCalibration
     from ..model.poses.pose_pairs import PosePairs
 
 
 # Names of camera.models.MODELS, and "auto", repeated here so that help and completion load quickly.
 MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye", "brown_full", "inverse_brown", "fisheye624")
-COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+COEFFICIENT_NAMES = (
+    "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y", "k0", "p0", "s0",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class LensOptions(Options):
         ROS or another program. Two numbers are a value and its standard deviation; one has 0.1 % (focal length) or
         0.001 focal lengths (centre), unless the word exact follows. The pictures test every number. With
         --camera-matrix a name: estimated, pinhole or exact (see uq-handeye compare --help-all).
+      --roi X,Y,WIDTH,HEIGHT: Part of the picture of --intrinsics that the pictures show (px). Default: all of it.
+        Another resolution is scaled.
       --board-shape NAME: Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree),
         plane1 (aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default:
         auto.
@@ -47,6 +51,7 @@ class LensOptions(Options):
     model: str | None = None
     coefficients: str | None = None
     intrinsics: str | None = None
+    roi: str | None = None
     board_shape: str | None = None
 
     def calibrate(
@@ -77,30 +82,42 @@ class LensOptions(Options):
                 )
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Known | None = None
-        exact = False
+        exact, how = False, ""
         if self.intrinsics is not None:
             from ..model.camera.intrinsics_file import read_intrinsics
 
             file, exact = split_exact(self.intrinsics)
             known = read_intrinsics(file, model)
-            values, model = known.values, known.model if model in (None, "auto") else model
+            model = known.model if model in (None, "auto") else model
+            from ..model.camera.picture_region import for_pictures
+
             size = image_size or corners.image_size
-            if size is None:
-                image_size = known.image_size
-            elif known.image_size not in (None, size):
-                other = "{} x {}".format(*known.image_size)
-                raise InputError(
-                    f"{file} is for pictures of {other} pixels, got {size[0]} x {size[1]}. Scale fx, fy, "
-                    "cx, cy and their standard deviations."
-                )
+            known = for_pictures(known, size, self.read_roi(), file)
+            values, how = known.values, known.how
+            image_size = known.image_size if size is None else image_size
         if image_size is None and corners.image_size is None:
             raise InputError("The table of corners has no image size. Add --image-size, e.g. 1920x1080.")
         names = None if self.coefficients is None else [part.strip() for part in self.coefficients.split(",") if part]
         with timed("calibrating the camera"), working("calibrating the camera", progress_wanted()):
-            return calibrate_camera(
+            found = calibrate_camera(
                 corners, image_size, model or "auto", coefficients=names, intrinsics=values, exact=exact,
                 shape=measured or self.board_shape or "auto",
             )  # fmt: skip
+        if not how:
+            return found
+        from ..findings import Finding
+
+        return replace(found, findings=(*found.findings, Finding("camera.given_moved", "note", {"how": how})))
+
+    def read_roi(self) -> tuple[int, int, int, int] | None:
+        """Return the part of the picture of --intrinsics that the pictures show."""
+        if self.roi is None:
+            return None
+        numbers = floats(self.roi.split(","))
+        if numbers is None or len(numbers) != 4 or any(value != int(value) for value in numbers):
+            raise InputError(f"Expected --roi to be X,Y,WIDTH,HEIGHT in pixels, got {self.roi!r}.")
+        x, y, width, height = map(int, numbers)
+        return x, y, width, height
 
 
 def split_exact(text: str) -> tuple[str, bool]:
@@ -188,7 +205,7 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
 
 def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
-    from ..model.camera.intrinsics_file import KnownIntrinsics
+    from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.models import LINEAR, MODELS
     from ..model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
     from ..model.shared_errors.shared_error import DEFAULT_SD

@@ -11,7 +11,7 @@ from .options import Options
 
 if TYPE_CHECKING:
     from ..core.geometry.se3 import Array
-    from ..model.camera.intrinsics_file import KnownIntrinsics
+    from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.result import CameraCalibration
     from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior

@@ -7,16 +7,13 @@ OpenCV, ``calibrateCamera`` and ``fisheye`` (docs.opencv.org, calib3d); ROS, ``s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import numpy as np
 
 from ...core.files.json_values import Json, JsonObject
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
-from ...core.files.trees import parse_tree
+from ...core.files.trees import parse_toml, parse_tree
 from ...core.formatting.numbers import Snippet
 from ...core.formatting.numbers import short as short_number
 from ...core.geometry.se3 import Array
@@ -24,42 +21,36 @@ from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError
 from ...formats.opencv_storage import matrix_lines, stack, yaml_number
 from .calibrated import Calibrated
-from .models import LINEAR, MODELS
+from .intrinsics_of_programs import Found, intrinsics_of_colmap, intrinsics_of_program, model_called, values_of
+from .known_intrinsics import KnownIntrinsics
+from .models import MODELS
+from .picture_region import camera_info_region
 
 FORMAT = "uq-handeye camera 1"
 # Names of the camera matrix and the coefficients in OpenCV's samples, ROS and programs of people.
 _MATRIX = ("camera_matrix", "cameraMatrix", "K", "k")
 _COEFFICIENTS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")
-# What files call the models.
-_MODELS = {
-    "pinhole": "pinhole",
-    "brown": "brown",
-    "plumb_bob": "brown",
-    "rational_polynomial": "brown",
-    "fisheye": "fisheye",
-    "equidistant": "fisheye",
-}
 _NAMES = sorted({name for model in MODELS.values() for name in model.names})
-
-
-class KnownIntrinsics(NamedTuple):
-    """Intrinsics as a file states them; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
-
-    values: Mapping[str, float | tuple[float, float]]
-    model: str | None  # where the file names it
-    image_size: tuple[int, int] | None
+# Keys beside the names of the numbers.
+_BESIDE = (
+    "model", "camera_model", "distortion_model", "image_size", "image_width", "image_height", "width", "height",
+)  # fmt: skip
+# Standard deviations of ``calibrateCameraExtended``, in the order fx, fy, cx, cy and OpenCV's coefficients.
+_DEVIATIONS = ("stdDeviationsIntrinsics", "std_deviations_intrinsics", "std_intrinsics")
 
 
 def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
-    """Intrinsics of a file, exact or with standard deviations.
+    """Intrinsics of a file, in pixels of this program (the first one's centre at 0), with standard deviations if given.
 
     Parameters
     ----------
     path : path of the file
-        JSON or YAML with names, ``{"fx": 1080.0, "k1": [-0.1, 0.01]}``, a value alone exact and two a value and its
-        standard deviation; the ``intrinsics.json`` of `CameraCalibration.write`, with its standard deviations but not
-        their correlations; or ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or ROS, exact.
-    model : "pinhole", "brown", "fisheye" or None
+        JSON or YAML with names, ``{"fx": 1080.0, "k1": [-0.1, 0.01]}``, two numbers a value and its standard deviation;
+        the ``intrinsics.json`` of `CameraCalibration.write`, with its standard deviations but not their correlations;
+        ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or a ROS ``camera_info``, with its
+        ``roi`` and ``binning``; or the file of a program in `intrinsics_of_programs`. A camera of several is named
+        behind a colon, ``camchain.yaml:cam1``.
+    model : name of a model or None
         Model of the coefficients, where the file does not name it.
 
     Raises
@@ -67,27 +58,42 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     InputError
         A file that cannot be read or is none of these; coefficients that no model here has.
     """
-    location = as_path(path)
+    location, camera = as_path(path), None
+    if not location.exists() and ":" in location.name:
+        stem, _, camera = str(location).rpartition(":")
+        location = as_path(stem)
     name = shown(location)
     with opened(location, MAX_DESCRIPTION_BYTES) as file:
-        tree = parse_tree(file.read(), name)
+        data = file.read()
+    text = data.decode("utf-8", "replace") if location.suffix.lower() == ".txt" else ""
+    if (found := intrinsics_of_colmap(text, name, camera)) is not None:
+        return _of_program(found, model, name)
+    tree = parse_toml(location) if location.suffix.lower() == ".toml" else parse_tree(data, name)
     if not is_map(tree):
         raise InputError(f'{name}: expected intrinsics such as {{"fx": 1080.0, "fy": [1080.0, 2.0]}}, got {got(tree)}.')
+    if (found := intrinsics_of_program(tree, name, camera)) is not None:
+        return _of_program(found, model, name)
     size = _size(tree, name)
     named = _model(tree, name)
     if named is not None and model not in (None, "auto", named):
         raise InputError(f"The model of {name} is {named}, and `model` (--model) is {model}.")
     if any(key in tree for key in _MATRIX):
-        values, named = _of_opencv(tree, name, named or (None if model == "auto" else model))
-        return KnownIntrinsics(values, named, size)
+        return _of_opencv(tree, name, named or (None if model == "auto" else model), size)
     if is_map(tree.get("parameters")):
         return KnownIntrinsics(_of_ours(tree, name), named, size)
     entries = {key: value for key, value in tree.items() if key in _NAMES}
-    unknown = [key for key in tree if key not in (*_NAMES, "model", "image_size", "image_width", "image_height")]
+    unknown = [key for key in tree if key not in (*_NAMES, *_BESIDE)]
     if unknown or not entries:
         what = f"unknown: {short(', '.join(unknown))}" if unknown else "none of them"
         raise InputError(f"{name}: expected the names {', '.join(_NAMES)}, or camera_matrix of OpenCV; {what}.")
     return KnownIntrinsics({key: _entry(value, f"{name}, {key}") for key, value in entries.items()}, named, size)
+
+
+def _of_program(found: Found, model: str | None, name: str) -> KnownIntrinsics:
+    """Return the intrinsics of another program's file."""
+    if model not in (None, "auto", found.model):
+        raise InputError(f"The model of {name} is {found.model}, and `model` (--model) is {model}.")
+    return KnownIntrinsics(found.values, found.model, found.image_size, sensor_of_43=found.sensor_of_43)
 
 
 def _entry(value: Json, where: str) -> float | tuple[float, float]:
@@ -113,16 +119,15 @@ def _of_ours(tree: JsonObject, name: str) -> dict[str, float | tuple[float, floa
 
 def _model(tree: JsonObject, name: str) -> str | None:
     for key in ("model", "camera_model", "distortion_model"):
-        if tree.get(key) is not None:
-            if str(tree[key]) not in _MODELS:
-                raise InputError(f"{name}, {key}: expected one of {', '.join(_MODELS)}, got {short(str(tree[key]))}.")
-            return _MODELS[str(tree[key])]
+        if tree.get(key):
+            return model_called(str(tree[key]), f"{name}, {key}")
     return "fisheye" if tree.get("fisheye_model") == 1 else None
 
 
 def _size(tree: JsonObject, name: str) -> tuple[int, int] | None:
     if "image_size" in tree:
-        value = items_of(tree["image_size"])
+        given = fields_of(tree["image_size"])
+        value = [given.get("width"), given.get("height")] if given else items_of(tree["image_size"])
         if len(value) != 2:
             raise InputError(f"{name}, image_size: expected width and height, got {got(tree['image_size'])}.")
     elif {"image_width", "image_height"} <= set(tree):
@@ -135,8 +140,8 @@ def _size(tree: JsonObject, name: str) -> tuple[int, int] | None:
     return int(width), int(height)
 
 
-def _of_opencv(tree: JsonObject, name: str, model: str | None) -> tuple[dict[str, float | tuple[float, float]], str]:
-    """Values and model; coefficients in OpenCV's order."""
+def _of_opencv(tree: JsonObject, name: str, model: str | None, size: tuple[int, int] | None) -> KnownIntrinsics:
+    """Return the intrinsics of a camera matrix and coefficients in OpenCV's order, of a ``camera_info`` as sent."""
     key = next(key for key in _MATRIX if key in tree)
     K = stack(tree[key], f"{name}, {key}").reshape(-1)
     if K.size != 9 or abs(K[1]) > 0 or K[3] != 0 or K[6] != 0 or K[7] != 0 or K[8] != 1:
@@ -144,19 +149,27 @@ def _of_opencv(tree: JsonObject, name: str, model: str | None) -> tuple[dict[str
     key = next((key for key in _COEFFICIENTS if key in tree), "")
     d = stack(tree[key], f"{name}, {key}").reshape(-1) if key else np.zeros(0)
     if model is None:
+        if d.size == 4 and d.any():
+            raise InputError(
+                f"{name}, {key}: four coefficients are those of brown (k1, k2, p1, p2) or of fisheye (k1 to k4), and "
+                "the file does not say which. Add --model brown or --model fisheye."
+            )
         model = "brown" if d.any() else "pinhole"
-    names = MODELS[model].coefficients
     if model == "fisheye" and d.size != 4:
         raise InputError(f"{name}: expected the 4 coefficients of a fisheye, got {d.size}.")
-    if d[len(names) :].any():
-        have = ", ".join(names) if names else "none"
-        raise InputError(
-            f"{name}, {key}: the model {model} has the coefficients {have}; got {d.size} numbers, others than 0 beyond."
-        )
-    values: dict[str, float | tuple[float, float]] = dict(
-        zip(LINEAR, (float(K[0]), float(K[4]), float(K[2]), float(K[5])), strict=True)
-    )
-    return values | dict(zip(names, map(float, d), strict=False)), model
+    linear = [float(K[0]), float(K[4]), float(K[2]), float(K[5])]
+    model, values = values_of(model, linear, d.tolist(), f"{name}, {key}" if key else name)
+    known: dict[str, float | tuple[float, float]] = dict(values)
+    if (given := next((key for key in _DEVIATIONS if key in tree), None)) is not None:
+        sd = stack(tree[given], f"{name}, {given}").reshape(-1).tolist()
+        stated = {key: float(s) for key, s in zip(MODELS[model].names, sd, strict=False) if s > 0}
+        known |= {key: (values[key], s) for key, s in stated.items() if key in values}
+    roi, per = fields_of(tree.get("roi")), [int(number(tree.get(f"binning_{axis}", 0), name)) for axis in "xy"]
+    if size is None or not (any(roi.values()) or max(per) > 1):
+        return KnownIntrinsics(known, model, size)
+    x, y, width, height = (int(number(roi.get(part, 0), name)) for part in ("x_offset", "y_offset", "width", "height"))
+    known, size = camera_info_region(known, size, (x, y, width, height), (per[0], per[1]))
+    return KnownIntrinsics(known, model, size, f"roi {width} x {height} from ({x}, {y}), binning {per[0]} x {per[1]}")
 
 
 # ------------------------------------------------------------------------------------------------------- texts

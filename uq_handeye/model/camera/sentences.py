@@ -72,6 +72,11 @@ def _(
     return f"The given intrinsics do not fit the {data} ({by}): {each}.{why} {done}"
 
 
+@sentence("camera.given_moved")
+def _(how: str) -> str:
+    return f"The given intrinsics were brought to the size of the pictures: {how}."
+
+
 @sentence("camera.corrected_by_robot")
 def _() -> str:
     return "The intrinsics are those of pictures and robot poses together, to which X belongs."

@@ -39,7 +39,7 @@ from ...core.geometry.se3 import Array, skew
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...errors import InputError
 from ..camera.description import spacing_of
-from ..camera.intrinsics_file import KnownIntrinsics
+from ..camera.known_intrinsics import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
 from ..error_terms.keys import FOCAL_LENGTH, INTRINSICS, PRINCIPAL_POINT
