@@ -35,7 +35,7 @@ from .statement.accuracy import Statement
 
 C = TypeVar("C", bound=Statement)
 
-FORMAT = "uq-handeye calibration 4"
+FORMAT = "uq-handeye calibration 5"
 UNITS = {"rotation": "rad", "translation": "m"}
 
 # Of the noise of the estimate, where it is the noise of the result.

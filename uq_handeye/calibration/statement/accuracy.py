@@ -140,7 +140,7 @@ def accuracy_of(result: Statement) -> Accuracy | None:
         distance=distance,
         distance_known=known,
         parts=() if budget is None else parts_of(budget, stated),
-        included=("noise of the poses", *words),
+        included=(str(NOISE_OF_POSES), *words),
         not_included=tuple(not_included(result)),
         lower_limit=lower_limit_of(result),
         from_poses=None if touched else _from_poses(result),

@@ -23,7 +23,7 @@ from ..poses import RigPoses
 
 C = TypeVar("C", bound=RigPoses)
 
-FORMAT = "uq-handeye rig 2"
+FORMAT = "uq-handeye rig 3"
 # Parts of the file besides the fields, which follow from them.
 DERIVED = "cameras targets arms relative=relative_poses"
 _NAME = "rig"

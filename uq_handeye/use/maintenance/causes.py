@@ -34,6 +34,7 @@ from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED
 from ...core.runtime.read_only import ReadOnlyArrays
+from ...model.error_terms import keys
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows, PredictiveReference
 from ...model.shared_errors.shared_error import SharedError
@@ -41,7 +42,7 @@ from ...model.shared_errors.shared_error import SharedError
 CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = (
     "X",
     "target",
-    "focal length",
+    str(keys.FOCAL_LENGTH),
     "target size",
     "image centre",
     "one pose",
