@@ -16,6 +16,7 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 from ...core.geometry.se3 import Array
 from ...model.poses.pose_pairs import PosePairs
@@ -24,8 +25,11 @@ from .readings import Reading
 
 # Fewest poses that determine the matrix and show whether it is needed.
 MIN_POSES_FOR_AXES = 10
-# The matrix is needed where it divides the root mean square of the translations by this, or more.
-DECISIVE_RATIO = 3.0
+# The matrix is needed where it divides the root mean square of the translations by this or more, and by more than
+# chance would with this probability (F test).
+DECISIVE_RATIO, MAX_CHANCE = 1.3, 1e-5
+# Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
+UNKNOWNS, BEYOND_A_FACTOR = 15, 8
 # Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
 MIN_SCALED, MAX_SHEAR = 0.03, 0.2
 AXES = "xyz"
@@ -43,12 +47,20 @@ def misread_axes(poses: PosePairs) -> Reading | None:
         system = _system(poses, side, now)
         before, _, _ = _solved(*system, False, now.counts)
         after, M, trusted = _solved(*system, True, now.counts)
-        if trusted and before > DECISIVE_RATIO * after:
+        if trusted and _needed(before, after, 3 * int(now.counts.sum()) - UNKNOWNS):
             found.append((after, before, side, M))
     for after, before, side, M in sorted(found, key=lambda one: one[0]):
         if (said := _kind(M)) is not None:
             return {"kind": "axes", "file": side, "before": before, "after": after, **said}
     return None
+
+
+def _needed(before: float, after: float, dof: int) -> bool:
+    """Return whether the matrix explains the translations far better than a factor: RMS before and after it."""
+    if before <= DECISIVE_RATIO * after or dof <= 0:
+        return False
+    F = (before**2 / max(after**2, 1e-300) - 1.0) * dof / BEYOND_A_FACTOR
+    return bool(fdtrc(BEYOND_A_FACTOR, dof, F) < MAX_CHANCE)
 
 
 def _system(poses: PosePairs, side: str, at: Agreement) -> tuple[Array, Array, Array]:
