@@ -375,7 +375,7 @@ def test_warnings_come_once(poses):
         result = compare(dataclasses.replace(poses, camera=poses.camera[::-1]), methods=("park", "chou"))
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == len(set(texts)) == len(result.warnings) + len(result.own_warnings)
-    assert any("do not belong together" in text for text in result.warnings)
+    assert any("No shift of the rows" in text for text in result.warnings)
     assert "CAUTION" in result.to_text(verbose=True)
     for text in texts:
         assert " ".join(text.split()) in " ".join(result.to_text(verbose=True).split())

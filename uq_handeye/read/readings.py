@@ -31,6 +31,9 @@ from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
 DECISIVE_RATIO = 5.0
+# Where robot and camera agree but for rotations of this size, other orders of the angles are tried, and one is named
+# whose rotations fit better by this factor.
+NOISY_ROTATION_RAD, FAR_BETTER_RATIO = np.radians(0.2), 8.0
 # Two readings that differ in the scale by more than this factor (log) are of different units.
 UNIT_LOG_RATIO = np.log(5.0)
 
@@ -290,13 +293,23 @@ class _Pair:
             return None
         decided: ReadingPair = (None, None)
         now = self.fit(decided)
+        fits_well: Agreement | None = None
         for fit in (now, self._of_other_setup().fit(decided)):
             if fit is not None and self._fits_well(fit, decided):
-                return None
+                if fit.angle < NOISY_ROTATION_RAD:
+                    return None
+                fits_well = fit
+                break
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
             found = self._form_that_fits(k, ((None,), (None,)))
-            if found is not None and (now is None or now.distance > DECISIVE_RATIO * found[2]):
+            if found is None:
+                continue
+            if fits_well is None:
+                better = now is None or now.distance > DECISIVE_RATIO * found[2].distance
+            else:
+                better = fits_well.angle > FAR_BETTER_RATIO * found[2].angle and fits_well.distance > found[2].distance
+            if better:
                 values = {
                     "name": PurePath(side.name).name,
                     "side": role,
@@ -308,9 +321,9 @@ class _Pair:
                 return Finding("poses.another_rotation", "failure", values)
         return None
 
-    def _form_that_fits(self, k: int, open_readings: Readings) -> tuple[str, str | None, float] | None:
-        """Return the form of the three numbers of one side that fits best, its length unit where that is open, and the
-        distance; None if none does. The setup may be the other.
+    def _form_that_fits(self, k: int, open_readings: Readings) -> tuple[str, str | None, Agreement] | None:
+        """Return the form of the three numbers of one side that fits best, its length unit where that is open, and its
+        agreement; None if none does. The setup may be the other.
         """
         side = self.sides[k]
         if side.rotation.ndim != 2 or side.rotation.shape[1] != 3:
@@ -328,8 +341,8 @@ class _Pair:
                 fit = setup.fit(pair)
                 # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
                 if fit is not None and trial._fits_well(fit, pair):
-                    found.append((form, unit if len(units) > 1 else None, fit.distance))
-        return min(found, key=lambda one: one[2], default=None)
+                    found.append((form, unit if len(units) > 1 else None, fit))
+        return min(found, key=lambda one: one[2].distance, default=None)
 
     def _turns_alike(self, pair: ReadingPair) -> bool:
         """Return whether robot and camera rotate by the same angles from each pose to the next, whatever the setup."""

@@ -132,10 +132,10 @@ _ANGLES = {
         "give the noise if it is that large; else see the target from nearer, or pair by timestamps (--pair time)",
     ),
     "": (
-        "The rows of the two files do not belong together (wrong pairing, a shift, a time offset). If both have "
-        'timestamps, try pair="time" (--pair time) or --pair async.',
-        "the rows of the two files do not belong together",
-        "pair by timestamps: --pair time, or --pair async for unsynchronised clocks",
+        "No shift of the rows and no other reading that was tried mends it. The rotations of one file may be in "
+        "another convention, or its rows of other moments.",
+        "robot and camera rotate by different angles ({rms:deg~2} deg)",
+        "check the convention of the rotations (--rotation), and that row k of both files is one moment",
     ),
 }
 
@@ -292,8 +292,8 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
     )
     if not readings:
         return (
-            f"{start} No inversion, quaternion order or unit that was tried fits. Either the rows do not belong "
-            "together, or the poses have errors of this size."
+            f"{start} No inversion, quaternion order, axes, unit or shift of the rows that was tried fits. Either the "
+            "poses have errors of this size, or the rows of one file are of other moments."
         )
     return f"{start} It would fit if {'; or if '.join(in_words(reading).full for reading in readings)}."
 
