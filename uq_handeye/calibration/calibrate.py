@@ -39,6 +39,7 @@ from ..rig.single import is_single, single_of
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
+from .by_rotation import by_rotation, without_positions
 from .estimate.analysis import Analysis
 from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
@@ -225,6 +226,8 @@ def _answer(
     """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from; ``said``:
     findings about that data set.
     """
+    if isinstance(data, PosePairs) and without_positions(data):
+        return _by_rotation(request, data, selection, said)
     job = job_of(request, data)
     findings = [*said, *of_files(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
@@ -264,6 +267,16 @@ def _split(job: Job, findings: Sequence[Finding], selection: Selection | None) -
     row = int(moved.values["since"])
     number = row if selection is None else int(selection.kept[row])
     return split_of_poses(job.poses, job.request.noise, moved, str(number), seed=int(job.request.seed))
+
+
+def _by_rotation(
+    request: Request, data: PosePairs, selection: Selection | None, said: Sequence[Finding]
+) -> Calibration:
+    """See `_answer`: of poses whose positions are not given."""
+    job, result, found = by_rotation(request, data)
+    findings = _numbered([*said, *data.findings, *found], selection)
+    warn(findings, 3)
+    return replace(result, findings=tuple(findings), provenance=_origin(job, data, result.method, selection))
 
 
 def _origin(job: Job, data: PosePairs | Motions, method: str, selection: Selection | None) -> Provenance:

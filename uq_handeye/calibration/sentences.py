@@ -314,6 +314,27 @@ def _moved_most(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"{one['name']} by {digits(one['after'] - one['before'], 2)}" for one in most]
 
 
+def _rotation_only(v: Mapping[str, Any]) -> str:
+    rows = v["left_out"]
+    left = "" if not rows else f"; {len(rows)} of {v['n']} poses left out: {ranges(rows)}"
+    return f"no positions were given: the translation of X is open{left}"
+
+
+@sentence(
+    "calibration.rotation_only",
+    check=MOTION,
+    phrase=_rotation_only,
+    effect=5,
+    remedy="give positions of robot and camera if the translation is wanted",
+)
+def _(n: int, noise: float, left_out: Sequence[int]) -> str:
+    text = (
+        f"No positions were given. The rotation of X comes from {n - len(left_out)} rotations with errors of "
+        f"{digits(math.degrees(noise), 2)} deg per axis of a pair, and the translation of X is open."
+    )
+    return text if not left_out else f"{text} Left out, as they do not fit the others: {ranges(left_out)}."
+
+
 @sentence(
     "calibration.open",
     check=MOTION,

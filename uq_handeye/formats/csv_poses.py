@@ -71,15 +71,20 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
         notes += [note] if note else []
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
-    translation = [meant.index(axis) for axis in "xyz"]
-    if (length := unit_of["x"]) is not None:
+    translation = [meant.index(axis) for axis in "xyz" if axis in meant]
+    if (length := unit_of.get("x")) is not None:
         notes.append(f"translations in {length}, as the columns are named")
+    positions = table.values[:, translation]
+    if not translation:
+        notes.append("no positions: orientations only")
+        positions = np.zeros((len(table.values), 3))
     columns = (
         names[meant.index("timestamp")] if times is not None else "timestamp",
-        *(names[k] for k in translation + quaternion),
+        *([names[k] for k in translation] or "xyz"),
+        *(names[k] for k in quaternion),
     )
     side = Side(
-        name, table.values[:, translation], table.values[:, quaternion], times, table.lines, "line", order, columns,
+        name, positions, table.values[:, quaternion], times, table.lines, "line", order, columns,
         units=length, numbers=numbers_in(text for (text,) in table.texts),
     )  # fmt: skip
     if covariances is not None:
@@ -169,11 +174,15 @@ def pose_text(poses: Any, timestamps: ArrayLike | None = None) -> str:
     return "\n".join([HEADER, *rows, ""])
 
 
+# Columns of a file: with or without timestamps, and of a sensor that gives orientations only without positions.
+ACCEPTED = [sorted(columns) for columns in (COLUMNS, COLUMNS[1:], (COLUMNS[0], *COLUMNS[4:]), COLUMNS[4:])]
+
+
 def _places(names: list[str], line: str, where: str) -> Places:
     """Find the columns; raises `InputError` unless the names mean those of `COLUMNS`, in any order, and others."""
     meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
     used = [k for k, column in enumerate(meant) if column in COLUMNS]
-    if sorted(meant[k] for k in used) in (sorted(COLUMNS), sorted(COLUMNS[1:])):
+    if sorted(meant[k] for k in used) in ACCEPTED:
         if len(lengths := {units[k] for k in used if meant[k] in "xyz"}) > 1:
             got = ", ".join(sorted(unit or "none" for unit in lengths))
             raise InputError(f"{where}: expected one unit for x, y and z, got {got}.")

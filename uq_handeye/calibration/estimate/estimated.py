@@ -270,9 +270,16 @@ class Estimated(Named, Record):
     @property
     def open_words(self) -> tuple[str, ...]:
         """Description of each open direction."""
-        return (
-            () if self.opened is None else tuple(open_words(one, self.setup) for one in self.opened.single().tolist())
-        )
+        if self.opened is None:
+            return ()
+        if self.translation_open:
+            return ("the positions of camera and target",)
+        return tuple(open_words(one, self.setup) for one in self.opened.single().tolist())
+
+    @property
+    def translation_open(self) -> bool:
+        """Whether nothing is known of the translations of X and W: no positions were given."""
+        return self.opened is not None and len(self.opened.basis) == 6 and not self.opened.basis[:, [0, 1, 2]].any()
 
     @property
     def correlation(self) -> Array | None:

@@ -333,6 +333,11 @@ class Statement(Checked):
         accuracy = self.accuracy
         if accuracy is None:
             return f"The accuracy of {self.frame} is not known: no noise was given, and none could be estimated."
+        if self.translation_open:
+            known = (
+                f"the rotation is known to {digits(np.degrees(accuracy.rotation), 2)} deg (1 sigma, worst direction)"
+            )
+            return f"{self.frame}: {known}. Not determined: {'; '.join(self.open_words)}."
         if self.opened is not None and self.opened.of_X.size:
             known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
             return f"{self.frame} is known to {known}. Not determined: {'; '.join(self.open_words)}."
