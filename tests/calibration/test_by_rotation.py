@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 
 
-def _oriented(seed, n=20, sd=np.radians(0.1), setup="eye-in-hand"):
+def _oriented(seed, n=20, sd=0.0017, setup="eye-in-hand"):
     """Rotations of robot and camera with errors of sd (rad) per axis, without positions, and the true rotation."""
     rng = np.random.default_rng(seed)
     G = Rotation.from_rotvec(rng.normal(0.0, 0.5, (n, 3))).as_matrix()

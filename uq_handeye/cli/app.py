@@ -4,6 +4,7 @@ The statuses are in `exit_status.py`.
 """
 
 import _thread
+import errno
 import shlex
 import signal
 import sys
@@ -86,6 +87,12 @@ def __getattr__(name: str) -> typer.Typer:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; every expected failure is one line on stderr and exit status 2."""
+    if sys.flags.optimize > 1:
+        print(
+            "uq-handeye: error: PYTHONOPTIMIZE=2 (-OO) takes away the texts of the options. Use 1, or none.",
+            file=sys.stderr,
+        )
+        raise SystemExit(ExitStatus.BAD_INPUT)
     given = sys.argv[1:] if arguments is None else arguments
     command = shlex.join(["uq-handeye", *given]).encode(errors="backslashreplace").decode()  # names may be no UTF-8
     with messages(command, no_color="--no-color" in given), _interrupts() as interrupted:
@@ -157,6 +164,8 @@ def _failed(error: BaseException, interrupted: bool) -> int:
             return ExitStatus.INTERRUPTED
         case InputError() | NotConvergedError():
             return fail(str(error))
+        case OSError(errno=errno.ENAMETOOLONG):
+            return fail("A name is too long for the file system. Give a shorter one.")
         case OSError(filename=None):  # files have their own messages, so this is the standard output
             sys.stdout = None  # or Python would try, and fail, to flush it once more
             return fail(f"Cannot write the output: {error.strerror or error}.")

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.files.one_line import require_name
 from ..core.geometry.checks import as_numbers, as_transforms
 from ..core.geometry.se3 import Array, logarithm
 from ..core.runtime.read_only import ReadOnlyArrays
@@ -387,6 +388,8 @@ def require_left_out(where: str, **options: Any) -> None:
 def require_names(arms: Iterable[str], cameras: Mapping[str, str], targets: Mapping[str, str]) -> None:
     """Raise `InputError` for a name that occurs twice, a part without a carrier, with two, or on an unknown arm."""
     places = (WORLD, *arms)
+    for name in (*arms, *cameras, *targets):
+        require_name(name)
     if twice := [name for name, count in Counter([*places, *cameras, *targets]).items() if count > 1]:
         raise InputError(
             f"Expected names of arms, cameras and targets that differ, got {twice[0]!r} twice. Rename one."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable
@@ -12,6 +11,7 @@ from pathlib import Path
 from ...errors import InputError
 from ..numbers.limits import MAX_FILES
 from .open import shown
+from .patterns import matching
 
 # Files in the folder of a ROS bag.
 BAGS = (".mcap", ".db3", ".zstd")
@@ -70,8 +70,7 @@ def paths_of(path: Path) -> tuple[list[Path], list[str]]:
                 f"pattern in quotes, e.g. '{shown(path / ('*' + usual))}'."
             )
     else:
-        names = glob.glob(_escaped(path), recursive=True)
-        found = [Path(name) for name in names if not os.path.isdir(name) and not _hidden(Path(name).name)]
+        found = [one for one in matching(_escaped(path)) if not one.is_dir() and not _hidden(one.name)]
     if not found:
         what = f"No files in the folder {shown(path)}." if path.is_dir() else f"No file matches {shown(path)}."
         raise InputError(f"{what} Check the folder and the ending.")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from typing import Any
 
 from ...errors import InputError
@@ -48,7 +49,7 @@ def parsed(path: StrPath) -> Any:
     with opened(as_path(path), MAX_TABLE_BYTES) as file:
         text = file.read()
     try:
-        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
+        return json.loads(text.decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{shown(as_path(path))} is not JSON: {error}.") from error
 
@@ -72,6 +73,13 @@ def _checksum(data: dict[str, Any]) -> str:
     values = {name: value for name, value in data.items() if name != CHECKSUM}
     text = json.dumps(values, allow_nan=False, sort_keys=True, separators=(",", ":"))
     return f"{HASH}:{hashlib.new(HASH, text.encode()).hexdigest()}"
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"it holds {text:.40}, beyond any number")
+    return number
 
 
 def _refuse(constant: str) -> None:

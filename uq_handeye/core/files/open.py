@@ -17,6 +17,9 @@ from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError
 from ..numbers.limits import MAX_NAME_CHARACTERS
 
+# Longest name of a file or folder that common file systems hold.
+MAX_PART_BYTES = 255
+
 StrPath = str | os.PathLike[str]
 
 
@@ -30,6 +33,10 @@ def as_path(path: StrPath) -> Path:
         usable = b"\0" not in os.fsencode(result)
     except UnicodeEncodeError:
         usable = False
+    if usable and any(len(os.fsencode(part)) > MAX_PART_BYTES for part in result.parts):
+        raise InputError(
+            f"Expected the path of a file, got a name longer than {MAX_PART_BYTES} bytes: {shown(result)}."
+        )
     if not usable:
         raise InputError(f"Expected the path of a file, got {str(path)!a}, which no file system can hold.")
     return result

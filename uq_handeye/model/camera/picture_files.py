@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import threading
 from collections import Counter
@@ -14,6 +13,7 @@ import numpy as np
 
 from ...core.files.folders import natural
 from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.patterns import matching
 from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from .adjustment.opencv import opencv
@@ -40,7 +40,7 @@ def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
         elif path.exists():
             paths.append(path)
         else:
-            matched = [Path(name) for name in glob.glob(str(path), recursive=True) if not os.path.isdir(name)]
+            matched = [one for one in matching(str(path)) if not one.is_dir()]
             if not matched:
                 raise InputError(f"No pictures found for {shown(path)}: check the folder and the ending.")
             paths += matched

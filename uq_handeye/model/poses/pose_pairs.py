@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from ...core.files.one_line import require_name
 from ...core.files.source import Source
 from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
 from ...core.geometry.conventions import CovarianceReading
@@ -135,6 +136,8 @@ class PosePairs:
 
     def __post_init__(self) -> None:
         require_one_of("setup", self.setup, SETUPS)
+        for name in self.names:
+            require_name(name)
         robot, camera = frozen_poses(self.robot, "robot"), frozen_poses(self.camera, "camera")
         if robot.shape != camera.shape:
             raise InputError(

@@ -68,9 +68,13 @@ def pair_of(line: str, name: str, how: Mapping[str, Any] | None = None, robot: S
         raise InputError(f"{name}: longer than {MAX_LINE_CHARACTERS} characters. Write one pair of poses on each line.")
     try:
         tree = json.loads(line)
+        contents = read_json([tree] if isinstance(tree, dict) else tree, name)
+    except RecursionError:
+        raise InputError(f"{name}: lists or objects are nested too deep. The line is skipped.") from None
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f'{name}: expected JSON such as {{"robot": ..., "camera": ...}}: {error}.') from None
-    contents = read_json([tree] if isinstance(tree, dict) else tree, name)
     poses, time = [], None
     for k, role in enumerate(FRAMES):
         if robot is not None and role == "robot":
