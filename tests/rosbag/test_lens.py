@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.models import MODELS
-from uq_handeye.read.rosbag.camera_info import CameraInfo, camera_info_yaml
+from uq_handeye.read.rosbag.camera_info import CameraInfo, camera_info_of, camera_info_yaml
 from uq_handeye.read.rosbag.lens import lens_of
 from uq_handeye.read.rosbag.recording import read_recording
 from uq_handeye.read.rosbag.streams import camera_stream, read_bag
@@ -102,3 +102,35 @@ def test_a_bag_of_raw_detections(tmp_path):
     done = run("bag", path, *given)
     assert done.returncode == 0 and "K and D, of the raw picture, as given" in done.stderr
     assert "-0.25" in (tmp_path / "tables" / "camera_info.yaml").read_text()
+
+
+def message(**fields):
+    """A camera_info as a map."""
+    P = [900.0, 0, 640, 0, 0, 900, 360, 0, 0, 0, 1, 0]
+    given = {"header": {"frame_id": "cam"}, "width": 1280, "height": 720, "distortion_model": "rational_polynomial"}
+    return given | {"k": [900.0, 0, 640, 0, 901, 360, 0, 0, 1], "d": [0.1] * 8, "p": P} | fields
+
+
+def test_roi_and_binning_move_both_matrices():
+    roi = {"x_offset": 100, "y_offset": 40, "width": 1000, "height": 600}
+    info = camera_info_of(message(roi=roi, binning_x=2, binning_y=4))
+    assert info.image_size == (500, 150)
+    np.testing.assert_allclose(info.K, [450, 225.25, 0.5 * 540.5 - 0.5, 0.25 * 320.5 - 0.5])
+    np.testing.assert_allclose(info.P, [450, 225, 0.5 * 540.5 - 0.5, 0.25 * 320.5 - 0.5])
+
+
+def test_fourteen_coefficients_are_all_used():
+    d = [0.1, -0.2, 1e-3, 2e-3, 0.01, 0.02, 0.03, 0.04, 0, 0, 0, 0, 0.005, -0.004]
+    model, parameters = camera_info_of(message(d=d, p=[0.0] * 12)).lens()
+    assert model.name == "brown_full" and parameters[4:].tolist() == d
+    with pytest.raises(InputError, match="the model brown_full has the coefficients"):
+        camera_info_of(message(d=[*d, 1.0], p=[0.0] * 12)).lens()
+    with pytest.raises(InputError, match="four coefficients and no distortion_model"):
+        camera_info_of(message(d=[0.1] * 4, distortion_model="", p=[0.0] * 12)).lens()
+
+
+def test_the_second_camera_of_a_pair_is_named(rng):
+    info = camera_info_of(message(p=[900.0, 0, 640, -54.0, 0, 900, 360, 0, 0, 0, 1, 0], d=[0.0] * 5))
+    assert info.baseline == pytest.approx(0.06)
+    found = lens_of(None, info, 0.04)
+    assert "second camera of a rectified pair" in found.warning and "60 mm along x of the first one" in found.warning

@@ -1,19 +1,23 @@
 """Intrinsics of a camera as the messages ``sensor_msgs/CameraInfo`` and ``foxglove.CameraCalibration`` have them.
 
 Fields of ROS 1 (K, D, P) and ROS 2 (k, d, p) as in ``sensor_msgs/msg/CameraInfo.msg`` of ros2/common_interfaces: K and
-D are of the picture as taken, P of the rectified one, in which no distortion is left.
+D are of the picture as taken, P of the rectified one, in which no distortion is left. Both are of the full picture:
+``roi`` and ``binning`` say which part of it was sent, and how many pixels are one. The fourth column of P,
+``-fx B``, belongs to the second camera of a rectified pair, B beside the first.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.ros_messages import MessageError, part, when_and_where
+from ...model.camera.intrinsics_of_programs import values_of
 from ...model.camera.models import LINEAR, MODELS, CameraModel
+from ...model.camera.picture_region import camera_info_region
 from .message_types import RosMessage
 
 # Distortion models of this package by the names that ROS gives them.
@@ -37,6 +41,7 @@ class CameraInfo:
     K: Array  # (4,) fx, fy, cx, cy
     D: Array
     P: Array  # (4,) fx, fy, cx, cy; 0 where it is not given
+    baseline: float = 0.0  # m, of the second camera of a rectified pair from the first, along x
 
     def like(self, other: CameraInfo) -> bool:
         """Return whether the numbers are the same."""
@@ -65,12 +70,26 @@ class CameraInfo:
                 f"The camera_info of {self.frame} has the distortion model {self.model}; known are "
                 f"{', '.join(filter(None, NAMES))}. Detect in rectified pictures, or give --camera-matrix."
             )
-        model = MODELS[NAMES[self.model]]
-        parameters = np.zeros(len(model.names))
-        parameters[: len(LINEAR)] = self.K
-        count = min(len(self.D), len(model.names) - len(LINEAR))
-        parameters[len(LINEAR) : len(LINEAR) + count] = self.D[:count]
-        return model, parameters
+        if not self.model and self.D.size == 4:
+            raise InputError(
+                f"The camera_info of {self.frame} has four coefficients and no distortion_model: brown or fisheye? "
+                "Give --camera-matrix."
+            )
+        name, values = values_of(NAMES[self.model], self.K.tolist(), self.D.tolist(), f"camera_info of {self.frame}")
+        model = MODELS[name]
+        return model, np.array([values.get(key, 0.0) for key in model.names])
+
+    def of_region(self, roi: tuple[int, int, int, int], binning: tuple[int, int]) -> CameraInfo:
+        """Return the intrinsics of the picture as sent, by ``roi`` (x, y, width, height) and ``binning``."""
+
+        def moved(linear: Array) -> tuple[Array, tuple[int, int]]:
+            values, size = camera_info_region(
+                dict(zip(LINEAR, linear.tolist(), strict=True)), self.image_size, roi, binning
+            )
+            return np.array([values[name] for name in LINEAR], dtype=float), size
+
+        K, size = moved(self.K)
+        return replace(self, image_size=size, K=K, P=moved(self.P)[0] if self.rectified else self.P)
 
     def text(self) -> str:
         """Return the matrix as --camera-matrix takes it: ``fx,fy,cx,cy``."""
@@ -91,7 +110,15 @@ def camera_info_of(message: RosMessage) -> CameraInfo:
     size = int(part(message, "width") or 0), int(part(message, "height") or 0)
     frame = when_and_where(message)[1]
     model = str(part(message, "distortion_model") or "")
-    return CameraInfo(frame, size, model, K[[0, 4, 2, 5]], D, P[[0, 5, 2, 6]])
+    baseline = -float(P[3] / P[0]) if P[0] > 0 else 0.0
+    info = CameraInfo(frame, size, model, K[[0, 4, 2, 5]], D, P[[0, 5, 2, 6]], baseline)
+    roi, per = part(message, "roi"), [int(part(message, f"binning_{axis}") or 0) for axis in "xy"]
+    x, y, width, height = (
+        int((None if roi is None else part(roi, name)) or 0) for name in ("x_offset", "y_offset", "width", "height")
+    )
+    if not (any((x, y, width, height)) or max(per) > 1):
+        return info
+    return info.of_region((x, y, width, height), (per[0], per[1]))
 
 
 def camera_info_yaml(info: CameraInfo) -> str:

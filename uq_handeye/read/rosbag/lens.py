@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.camera.adjustment.two_minima import both_minima
@@ -26,6 +27,8 @@ from .tags import MAX_CORNER_RESIDUAL_PX, TagTrack, adjusted, corners_of, pixels
 
 RAW, RECTIFIED = "raw", "rectified"
 WORDS = {RAW: "K and D, of the raw picture", RECTIFIED: "P, of the rectified picture"}
+# Smallest distance of two cameras of a pair.
+MIN_BASELINE_M = 1e-4
 # Fewest detections that decide; fewer give no standard error.
 MIN_DETECTIONS = 8
 # The largest standard error of the share with which it decides. The share must lie two of them from one half.
@@ -43,7 +46,22 @@ class Lens(NamedTuple):
 
 
 def lens_of(track: TagTrack, info: CameraInfo, side: float, given: str | None = None) -> Lens:
-    """Return the intrinsics of the picture that the corners lie in; ``given`` says which, None: they decide."""
+    """Return the intrinsics of the picture that the corners lie in; ``given`` says which, None: they decide.
+
+    The second camera of a rectified pair is warned of: X is that of its own centre, not of the first camera's.
+    """
+    found = _lens_of(track, info, side, given)
+    if not found.info.rectified or abs(info.baseline) < MIN_BASELINE_M:
+        return found
+    warning = (
+        f"The camera_info of {info.frame} is that of the second camera of a rectified pair (P[3] is not 0): X is the "
+        f"pose of this camera, {digits(1e3 * info.baseline, 4)} mm along x of the first one. In the frame of the first "
+        "camera X differs by that."
+    )
+    return found._replace(warning=" ".join(filter(None, (found.warning, warning))))
+
+
+def _lens_of(track: TagTrack, info: CameraInfo, side: float, given: str | None) -> Lens:
     of = {RAW: replace(info, P=np.zeros(4)), RECTIFIED: info}
     source = "intrinsics of camera_info: "
     if given is not None:
