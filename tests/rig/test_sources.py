@@ -205,8 +205,12 @@ def test_corners_need_intrinsics(tmp_path):
         (tmp_path / "rig.toml").write_text(text.replace(old, new))
         with pytest.raises(uq.InputError, match=message):
             read_rig(tmp_path / "rig.toml")
-    (tmp_path / "rig.toml").write_text(text.replace('"eye.json"', '"800,800,640,480"'))
-    assert read_rig(tmp_path / "rig.toml")[0].views[0].intrinsics is None
+    shapes = []
+    for intrinsics in ("800,800,640,480", "800,800,640,480,exact", "one.json", "one.json,exact"):
+        (tmp_path / "one.json").write_text('{"fx": 800, "fy": 800, "cx": 640, "cy": 480}')
+        (tmp_path / "rig.toml").write_text(text.replace('"eye.json"', f'"{intrinsics}"'))
+        shapes.append(read_rig(tmp_path / "rig.toml")[0].views[0].intrinsics.shape[-1])
+    assert shapes == [4, 0, 4, 0]  # a number alone has a deviation, as with --intrinsics
 
 
 # ------------------------------------------------------------------------------------------- bags

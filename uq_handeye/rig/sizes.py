@@ -109,7 +109,9 @@ def components_of(
             key = ErrorKey(Owner.CAMERA, what)
             found.append(ErrorTerm(key.of(name), "camera", SIZES[key], block=_of(own, B)))
     calibrated = {name: K for name in cameras if (K := intrinsics_of(rig, graph, name)) is not None}
-    found += [ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=K) for name, K in calibrated.items()]
+    found += [
+        ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=K) for name, K in calibrated.items() if K.size
+    ]
     chains = [part for name in arms if rig.arms[name].kinematics is not None
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
     if not shared:

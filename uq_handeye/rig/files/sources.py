@@ -95,7 +95,8 @@ def arm_poses(rows: PoseRows, chain: Kinematics | None, robot_class: str | None)
 
 
 def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None) -> PoseRows:
-    """Return the poses of a board from its corners by known intrinsics: a folder, a file, or fx, fy, cx, cy.
+    """Return the poses of a board from its corners by known intrinsics: a folder, a file, or fx, fy, cx, cy; behind a
+    file or the numbers the word exact.
 
     Corners that were detected in the wrong place are left out, pictures of which most are as a whole; each picture
     has noise of its own (`model.camera.adjustment.outliers`).
@@ -113,7 +114,7 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
     if out := [row for row in given.rows.tolist() if row not in corners.rows]:
         said.append(f"pictures left out, whose corners fit no pose of the board: {', '.join(map(str, out))}")
         _log.warning("%s: %s", path.name, said[-1])
-    shared = None
+    shared = np.zeros((corners.n, 6, 0))  # exact: no errors, and none are assumed
     if root.shape[1]:
         counts = found.used * np.sqrt(found.weights)[corners.picture]
         _, A, B = Sight.of(model, found.shape, corners, counts).rows(values, found.poses)
@@ -155,18 +156,21 @@ def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
     """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is given."""
     from ...model.camera.calibration_files import is_camera_folder
     from ...model.camera.intrinsics_file import read_intrinsics
-    from ...model.camera.models import LINEAR, MODELS
+    from ...model.camera.models import LINEAR
     from ...model.camera.stored_calibration import read_camera
 
+    text, comma, word = str(given).strip("[]").rpartition(",")
+    exact = bool(comma) and word.strip(" '") == "exact"
+    text = text.strip(" '") if exact else str(given).strip("[]")
     try:
-        plain = [float(part) for part in str(given).strip("[]").split(",")]
+        plain = [float(part) for part in text.split(",")]
     except ValueError:
         plain = []
     if len(plain) == len(LINEAR):
-        return MODELS["pinhole"], np.array(plain), np.zeros((len(LINEAR), 0))
+        return _with_deviations("pinhole", dict(zip(LINEAR, plain, strict=True)), exact)
     if given != str(given):
         raise InputError(f"Expected `intrinsics` to be fx, fy, cx, cy, a file or a folder, got {given!r:.40}.")
-    path = folder / given
+    path = folder / text
     if is_camera_folder(path):
         seen = read_camera(path).bundle
         free = seen.free[: len(seen.intrinsics)]
@@ -174,12 +178,23 @@ def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
         root[free] = np.linalg.cholesky(seen.intrinsics_covariance[np.ix_(free, free)])
         return seen.model, np.array(seen.intrinsics), root
     known = read_intrinsics(path)
-    model = MODELS[known.model or ("brown" if set(known.values) - set(LINEAR) else "pinhole")]
     if lacks := [name for name in LINEAR if name not in known.values]:
         raise InputError(f"{path.name} lacks {', '.join(lacks)}. Give all of {', '.join(LINEAR)}.")
-    each = [known.values.get(name, 0.0) for name in model.names]
-    values, sd = np.array([value if np.ndim(value) else (value, 0.0) for value in each], dtype=float).T
-    return model, values, np.diag(sd)[:, sd > 0]
+    model = known.model or ("brown" if set(known.values) - set(LINEAR) else "pinhole")
+    return _with_deviations(model, known.values, exact)
+
+
+def _with_deviations(model: str, values: Any, exact: bool) -> tuple[Any, Array, Array]:
+    """Model, parameters and root of their covariance; a number alone has the deviation that --intrinsics gives it."""
+    from ...model.camera.given_intrinsics import GivenIntrinsics, with_default_deviations
+    from ...model.camera.models import MODELS
+
+    given = GivenIntrinsics.of(values if exact else with_default_deviations(values), exact).values
+    each = [given.get(name, (0.0, 0.0)) for name in MODELS[model].names]
+    mean, sd = np.array(each, dtype=float).T
+    if exact:
+        sd = np.zeros(len(mean))
+    return MODELS[model], mean, np.diag(sd)[:, sd > 0]
 
 
 def apart_by_calibration(seen: Sequence[PoseRows], cameras: Sequence[str]) -> list[PoseRows]:
