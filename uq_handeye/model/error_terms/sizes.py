@@ -73,7 +73,7 @@ SIZES: dict[ErrorKey, Size] = {
     DEPTH: Size(0.2e-3, 6.0, "m", "in addition to that of camera translation: depth of boards, tags and SLAM"),
     BY_VIEW: Size(1.5e-4, 5.0, "rad", "corners to 0.05 to 1 px over a focal length of 500 to 2000 px"),
     FOCAL_LENGTH: Size(1e-3, 2.0, "", "calibrations of the same camera, repeated; a wrong one is its tail"),
-    PRINCIPAL_POINT: Size(1e-3, 1.0, "rad", "calibrations of the same camera, repeated"),
+    PRINCIPAL_POINT: Size(1e-3, 2.0, "rad", "calibrations of the same camera, repeated; a crop is its tail"),
     TARGET_SCALE: Size(3e-4, 4.0, "", "printed and etched targets; a wrong square is its tail"),
     VIEW: Size(1.5e-4, 3.0, "", "rendered and real sets with lens, board shape and corners left out of the model"),
     LENS: Size(3e-3, 2.0, "", "k1 of repeated calibrations; k2 3 times, p 0.1 times, fx/fy 0.05 times"),
