@@ -59,6 +59,7 @@ from ..model.error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
+from ..model.kinematics.kinematic_errors import ACCURATE
 from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
@@ -86,6 +87,8 @@ from .result import Calibration
 MAX_SECOND_ORDER_SD = 0.05
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
+# An arm counts as a calibrated one where the logarithm of the evidence is larger by this, odds of 20 to 1.
+MIN_ACCURATE_GAIN = 3.0
 # Errors whose columns at other poses follow from the poses that they were bound to.
 # Findings after which the place of the camera needs no further word.
 PLACED = frozenset(
@@ -133,9 +136,16 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
             robust = fit_robustly(constraint, noise, at, job.method, seed=job.request.seed)
         else:
             robust, found = weigh_from_two_starts(source, at, job.method, job.request.seed, *_slack(job))
+            if (other := _as_accurate_arm(job, found)) is not None:
+                job, source = other
+                at = robust.fit.unknowns
+                robust, found = weigh_from_two_starts(source, at, job.method, job.request.seed, *_slack(job))
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
+        if (other := _as_accurate_arm(job, found)) is not None:
+            job, source = other
+            found = source.find(at)
         noise = None if found.noise is None else with_prior(found.noise, known)
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert found is not None
@@ -183,6 +193,23 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
             if evidence > most + (0.0 if arm is job.arm else MIN_LOG_EVIDENCE_GAIN):
                 best, most = (asked, model), evidence
     return best
+
+
+def _as_accurate_arm(job: Job, found: FoundSizes | None) -> tuple[Job, JointModel] | None:
+    """Return the request and its model for an arm that is calibrated, where its class is left to the data and they make
+    that much more probable than the usual one, with the rows that count and near the unknowns of ``found``.
+    """
+    arm = job.arm
+    if arm is None or job.columns_of_arm is None or not arm.errors.class_is_open or found is None or found.exact.any():
+        return None
+    arm = arm._replace(errors=replace(arm.errors, robot_class=ACCURATE))
+    asked = replace(job, arm=arm, columns_of_arm=arm.columns)
+    model, rows = joint_model_of(asked, job.constraint), np.zeros(job.constraint.n)
+    rows[found.kept] = 1.0
+    with suppress(NotConvergedError):
+        if model.find(found.at, rows, gain=ROUGH_GAIN).mode.log_evidence > found.mode.log_evidence + MIN_ACCURATE_GAIN:
+            return asked, model
+    return None
 
 
 def _slack(job: Job) -> tuple[float, float]:

@@ -43,6 +43,6 @@ TITLES = tuple(ABOUT)
 UNITS = ("m", "mm", "cm", "um", "in")
 JOINT_UNITS = ("rad", "deg")
 # Those of kinematics.kinematic_errors and of error_terms.sizes.
-ROBOT_CLASSES = ("industrial", "cobot", "hobby")
+ROBOT_CLASSES = ("industrial", "cobot", "hobby", "calibrated")
 ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
 EVERY_CLASS = tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES)))

@@ -53,7 +53,7 @@ class ArmPoses(ReadOnlyArrays):
         Chain of the arm, whose errors take the place of those of an unknown arm; see `by_kinematics`.
     joints : (n, L) or None
         Joint values, rad or m, with ``kinematics``.
-    robot_class : "industrial", "cobot", "hobby" or None
+    robot_class : "industrial", "cobot", "hobby", "calibrated" or None
         Population of the errors of ``kinematics``; None: industrial.
     timed : bool
         Whether the names are times (s), also whole ones; fractions always are.

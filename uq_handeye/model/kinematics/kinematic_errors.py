@@ -68,9 +68,10 @@ POPULATIONS = {
     "industrial": Population(3e-3, 0.9e-3, 0.3e-3, 0.4e-3, 1.5e-3, 0.2e-3, 2.0),
     "cobot": Population(7e-3, 1.8e-3, 0.3e-3, 0.4e-3, 1.0e-3, 0.2e-3, 2.0),
     "hobby": Population(20e-3, 10e-3, 1e-3, 10e-3, 10e-3, 3e-3, 2.0),
+    "calibrated": Population(0.15e-3, 0.08e-3, 0.03e-3, 0.03e-3, 0.15e-3, 0.1e-3, 3.0),
 }
-# The kind of arm that is assumed where none is given.
-USUAL = "industrial"
+# The kind of arm that is assumed where none is given, and the one that is taken where the poses make it more probable.
+USUAL, ACCURATE = "industrial", "calibrated"
 
 
 @dataclass(frozen=True)
@@ -88,9 +89,9 @@ class KinematicErrors:
     joint_sd : float (rad), text or None
         Standard deviation of the joint noise of each pose, as it is; None: it is estimated, and 0 for declared errors
         with noise that is given.
-    robot_class : "industrial", "cobot", "hobby" or None
-        Where a standard deviation is None: that of the population of such arms; None: of industrial ones, but where
-        some are declared, the others are 0.
+    robot_class : "industrial", "cobot", "hobby", "calibrated" or None
+        Where a standard deviation is None: that of the population of such arms; None: of industrial ones, or of
+        calibrated ones where the poses make these much more probable, but where some are declared, the others are 0.
     flange : "workspace", "controller" or "physical"
         Which flange X is of. ``workspace``: the frames of base and flange in which the arm moves as nearly as can be as
         its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of
@@ -137,6 +138,12 @@ class KinematicErrors:
     def is_exact(self) -> bool:
         """True if nothing of the arm is uncertain, not even its joints."""
         return self.how == EXACT and not self.joint_sd
+
+    @property
+    def class_is_open(self) -> bool:
+        """True if the class of the arm is left to the data."""
+        declared = any(getattr(self, field.name) is not None for field in fields(self) if field.name.endswith("_sd"))
+        return self.how == ESTIMATE and self.robot_class is None and not declared
 
     @property
     def population(self) -> Population:

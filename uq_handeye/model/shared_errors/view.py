@@ -16,9 +16,8 @@ about the point at which the cameras look (`target_centre`), with a half width o
 distance, so that only the size of the noise is unknown. The result does not depend on the orientation of the camera's
 frame, nor on that of the target's frame about its normal. That the normal is z is a convention of boards and tags, and
 data confirm it: against the mean direction of the views, up to 18 degrees away, by 10 to 140 units of log probability.
-A frame with another axis as the normal is different information about the target, not another choice of frame. Where
-the views contradict it, because they are 60 degrees or more from z and -z on average, their mean direction is the
-normal.
+Where the views contradict it, because they are 60 degrees or more from z and -z on average, the normal is the axis that
+is within 35 degrees of their mean direction, such as x of targets in the convention of ROS, or else that direction.
 
 *Intrinsics.* Focal length, centre, distortion and the ratio of the two focal lengths that are wrong by dk move the
 directions by A dk (Brown's model, about none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A
@@ -71,7 +70,8 @@ def columns_about(camera: Array, mean: Array, scale: Array) -> Array:
 def _coordinates(camera: Array) -> Array:
     """(n, 6) direction and normal of the target."""
     t = camera[:, :3, 3]
-    return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
+    normal = camera[:, :3, :3] @ _normal(camera)
+    return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), normal], axis=-1)
 
 
 def view_block(
@@ -139,20 +139,26 @@ def _centre(poses: bytes, distance: float) -> Array:
 
 def _across(camera: Array) -> Array:
     """(2, 3) axes in the plane of the target."""
-    return np.asarray(np.linalg.svd(_normal(camera)[None])[2][1:])
+    normal = _normal(camera)
+    k = int(np.abs(normal).argmax())
+    if normal[k] == 1.0:
+        return np.eye(3)[[(k + 1) % 3, (k + 2) % 3]]
+    return np.asarray(np.linalg.svd(normal[None])[2][1:])
 
 
-def _normal(camera: Array, largest_angle: float = 1.05, all_around: float = 0.3) -> Array:
+def _normal(camera: Array, largest_angle: float = 1.05, all_around: float = 0.3, near_axis: float = 0.61) -> Array:
     """(3,) the normal of the target, in its frame; see the module.
 
-    z is the normal unless the mean direction of the views is further than ``largest_angle`` (rad) from it. A mean
-    shorter than ``all_around`` contradicts nothing.
+    z is the normal unless the mean direction of the views is further than ``largest_angle`` (rad) from it, and then
+    the axis within ``near_axis`` (rad). A mean shorter than ``all_around`` contradicts nothing.
     """
     towards = -(camera[:, :3, :3].mT @ camera[:, :3, 3, None])[..., 0]  # from the target to the camera
     mean = (towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)).mean(axis=0)
     length = float(np.linalg.norm(mean))
-    contradicted = abs(mean[2]) < np.cos(largest_angle) * length and length > all_around
-    return mean / length if contradicted else np.array([0.0, 0.0, 1.0])
+    if length <= all_around or abs(mean[2]) >= np.cos(largest_angle) * length:
+        return np.array([0.0, 0.0, 1.0])
+    k = int(np.abs(mean).argmax())
+    return np.eye(3)[k] if abs(mean[k]) > np.cos(near_axis) * length else np.asarray(mean / length)
 
 
 def _bounded(information: Array, count: int, distance: float, own: Array) -> Array:
@@ -187,10 +193,10 @@ def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
     camera = np.asarray(camera, dtype=float)
     change = 0.1
     before = intrinsics_columns(camera, distance, centre)
-    of, place, half = camera.tobytes(), tuple(centre.tolist()), HALF_WIDTH * distance
+    of, place, half, across = camera.tobytes(), tuple(centre.tolist()), HALF_WIDTH * distance, _across(camera)
     changed = [_by_intrinsics(of, distance, place, sides) for sides in ((np.exp(change), 1.0), (1.0, np.exp(change)))]
     for k in range(2):
-        moved = tuple((centre + change * half * np.eye(3)[k]).tolist())
+        moved = tuple((centre + change * half * across[k]).tolist())
         changed.append(_by_intrinsics(of, distance, moved))
     return np.concatenate([(after - before) / change for after in changed], axis=-1)
 
@@ -227,7 +233,7 @@ def _fitted(camera: Array, distance: float, centre: Array, sides: tuple[float, f
     """
     side = HALF_WIDTH * np.linspace(-1.0, 1.0, 4)
     grid = np.stack(np.meshgrid(sides[0] * side, sides[1] * side), axis=-1).reshape(-1, 2)
-    P = centre + np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
+    P = centre + max(distance, 1e-6) * grid @ _across(camera)
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
     near = MIN_DEPTH * max(distance, 1e-6)
