@@ -11,9 +11,12 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_LISTED
 from ...errors import InputError
 from ...findings import Finding, warn
+from ..camera.adjustment.setting import Known
+from ..camera.given_intrinsics import GivenIntrinsics, with_default_deviations
 from ..noise.joint_covariance import JointCovariance
 from .checks import noise_findings, require_scale, target_findings
 from .closed_form import consensus, placed, sums
+from .depth_intrinsics import with_intrinsics
 from .least_squares import Fit, Matches, given_variances
 from .measured import PointSet, Target
 from .outliers import MIN_POINTS_PER_POSE, fit_without_outliers
@@ -32,6 +35,9 @@ def poses_from_points(
     points: PointSet | ArrayLike,
     target: Target | Mapping[str, ArrayLike] | ArrayLike,
     noise: str | ArrayLike | None = None,
+    *,
+    intrinsics: Known | None = None,
+    exact: bool = False,
 ) -> PointPoses:
     """Poses ``camera_T_target`` and their covariance, from the points of a target measured in 3-D.
 
@@ -49,6 +55,12 @@ def poses_from_points(
     noise : None, text or (lateral, axial)
         ``"0.1mm,0.5mm"`` or numbers in m: lateral and axial as given; a single one is both. None: both follow from the
         residuals of all poses, as the same at all distances.
+    intrinsics : {name: value or (value, standard deviation)} or None
+        fx, fy, cx and cy (px) of the depth camera that made the points: their errors move all poses alike. A value
+        without a deviation has 0.1 % of the focal length or 0.001 focal lengths of the centre; the points test each.
+        None: points of a tracker, or of a camera without errors of its intrinsics.
+    exact : bool
+        The `intrinsics` have no error.
 
     Returns
     -------
@@ -117,11 +129,17 @@ def poses_from_points(
     findings += target_findings(found, point[index][used], known.names)
     if phi is not None:
         findings += noise_findings(found)
+    covariance = JointCovariance(found.covariance, np.zeros((len(rows), 6, 0)))
+    if intrinsics is not None:
+        known_numbers = intrinsics if not exact else {name: np.ravel(value)[0] for name, value in intrinsics.items()}
+        given = GivenIntrinsics.of(known_numbers if exact else with_default_deviations(known_numbers), exact)
+        covariance, about_given = with_intrinsics(found, given)
+        findings += about_given
     warn(findings)
     return PointPoses(
         poses=found.T,
         rows=rows,
-        covariance=JointCovariance(found.covariance, np.zeros((len(rows), 6, 0))),
+        covariance=covariance,
         target=known,
         sd=np.sqrt(found.phi),
         dof=found.dof,

@@ -30,6 +30,7 @@ from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import pose_text, read_pose_file
 from ...formats.numpy_poses import unpacked
+from ..error_terms.keys import INTRINSICS
 from ..noise.joint_covariance import JointCovariance
 from .point_file import read_points, read_target
 from .posed import Posed
@@ -45,7 +46,8 @@ POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
 )
 FIGURE = "residuals.png"
 CONVENTION = (
-    f"camera_T_target of row k and the covariance of its errors, independent of other rows; {TOOLKIT}; m and rad"
+    "camera_T_target of row k and the covariance of its errors, independent of other rows; of intrinsics in addition "
+    f"F F^T over all rows, F = shared reshaped to (6n, q); {TOOLKIT}; m and rad"
 )
 _OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye points -o"
 
@@ -86,7 +88,8 @@ def point_pose_files(found: Posed) -> dict[str, str | bytes]:
     buffer = io.BytesIO()
     np.savez(
         buffer,
-        covariance=found.covariance.blocks,
+        covariance=found.covariance.own,
+        shared=found.covariance.shared,
         rows=found.rows,
         poses=found.poses,
         target=found.target.xyz,
@@ -187,6 +190,9 @@ def _point_poses(path: Path, tree: JsonObject, arrays: Mapping[str, Array]) -> P
     if (covariance != covariance.mT).any() or np.linalg.eigvalsh(covariance).min() <= 0:
         raise InputError(f"{COVARIANCE}, covariance: expected covariances, got other matrices.")
     residuals = np.asarray(arrays["residuals"], dtype=float)
+    shared = np.asarray(arrays.get("shared", np.zeros((n, 6, 0))), dtype=float)
+    if shared.ndim != 3 or shared.shape[:2] != (n, 6):
+        raise InputError(f"{COVARIANCE}, shared: expected ({n}, 6, q) numbers, got {shared.shape}.")
     if residuals.shape != (k, 3) or (np.diff(rows) <= 0).any() or n == 0:
         raise InputError(f"{POINTS} and {COVARIANCE} are {_OTHER_RUN}.")
     if not np.array_equal(xyz, target.xyz):
@@ -199,7 +205,7 @@ def _point_poses(path: Path, tree: JsonObject, arrays: Mapping[str, Array]) -> P
     return PointPoses(
         poses=as_transforms(T, "poses"),
         rows=rows.astype(np.int64),
-        covariance=JointCovariance(covariance, np.zeros((n, 6, 0))),
+        covariance=JointCovariance(covariance, shared, (INTRINSICS,) * shared.shape[-1]),
         target=target,
         sd=sd,
         dof=dof,
