@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
+from ..core.formatting.numbers import short
 from ..core.geometry.se3 import Array
 from ..core.numbers.rounding import SOLUTION_ROUNDING
 from ..errors import InputError
@@ -34,7 +35,7 @@ from ..model.error_terms.keys import INTRINSICS
 from ..model.noise.joint_covariance import joint_of
 from ..model.noise.models import Noise
 from ..model.posterior.posterior import Posterior
-from .result import Calibration
+from .estimate.estimated import Estimated
 
 
 def _moves(seen: Calibrated, noise: Noise | None, posterior: Posterior) -> tuple[Array, list[int]] | None:
@@ -54,7 +55,7 @@ def _moves(seen: Calibrated, noise: Noise | None, posterior: Posterior) -> tuple
     return T, index
 
 
-def corrected_camera(result: Calibration) -> CameraCalibration | None:
+def corrected_camera(result: Estimated) -> CameraCalibration | None:
     """Return the camera of a result with the intrinsics that X belongs to, and the camera poses by these.
 
     None where the camera poses came without corners. Intrinsics that are all given as exact stay as they are.
@@ -84,6 +85,20 @@ def corrected_camera(result: Calibration) -> CameraCalibration | None:
         pixel_noise=bundle.pixel_noise,
     )
     return replace(seen, bundle=corrected, findings=(*seen.findings, Finding("camera.corrected_by_robot", "note")))
+
+
+def intrinsics_words(result: Estimated) -> str | None:
+    """Return the intrinsics that X belongs to in one sentence; None where the camera poses came without corners."""
+    seen = corrected_camera(result)
+    if seen is None:
+        return None
+    numbers = ", ".join(f"{name} {short(value)}" for name, value in seen.intrinsics.items())
+    how = "as corrected by the robot poses" if seen.estimated else "as given"
+    width, height = seen.image_size
+    return (
+        f"X belongs to the camera model {seen.model} of pictures of {width} x {height} pixels, the first one's centre "
+        f"at 0, {how}: {numbers}."
+    )
 
 
 def moved_intrinsics(seen: Calibrated | None, noise: Noise, posterior: Posterior) -> list[Finding]:

@@ -20,6 +20,7 @@ from ..core.presentation.html import html_of
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
 from ..model.poses.pose_data import data_to_dict
+from .camera_of_result import intrinsics_words
 from .estimate.analysis import FittedKinematics
 from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
@@ -244,6 +245,11 @@ class Calibration(Statement):
         if self.reasons:
             known = f"NOT USABLE, {self.reasons[0]}"
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
+
+    @cached_property
+    def intrinsics_words(self) -> str | None:
+        """The intrinsics that X belongs to in one sentence; None where the camera poses came without corners."""
+        return intrinsics_words(self)
 
     def summary(self, verbose: bool = False, threshold: float = 0.5) -> str:
         """Return the result as text: the first screen, or with ``verbose`` the long text.

@@ -27,7 +27,7 @@ from .snippets import (
     OWN_FRAMES,
     Exportable,
     Transform,
-    open_comments,
+    comments_of,
     opencv_name,
     template,
     transforms_of,
@@ -49,13 +49,13 @@ class Several(NamedTuple):
 
 
 def _ros_one(result: Exportable) -> str:
-    return str(template().ros_one(*transforms_of(result), open_comments(result)))
+    return str(template().ros_one(*transforms_of(result), comments_of(result)))
 
 
 def _launch_one(result: Exportable) -> str:
     X, _ = transforms_of(result)
     head = f"{X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last."
-    return str(template().launch([head, OWN_FRAMES, *open_comments(result)], [X]))
+    return str(template().launch([head, OWN_FRAMES, *comments_of(result)], [X]))
 
 
 def _launch_several(of: Several) -> str:
@@ -67,7 +67,7 @@ def _launch_several(of: Several) -> str:
 def _urdf_one(result: Exportable) -> str:
     X, _ = transforms_of(result)
     no_place = "URDF has no place for the covariance; the JSON and ROS files do."
-    said = " ".join([NOT_DETERMINED if X.covariance is None else no_place, *open_comments(result)[:1]])
+    said = " ".join([NOT_DETERMINED if X.covariance is None else no_place, *comments_of(result)[:2]])
     head = f"{X.name} by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. {said}"
     return str(template().urdf([head], [X]))
 
@@ -85,7 +85,7 @@ def _urdf_several(of: Several) -> str:
 def _opencv_one(result: Exportable, convention: str = "toolkit") -> str:
     said = NOT_DETERMINED if result.covariance is None else f"Covariances of {convention_of(convention).words}"
     named = [(X, opencv_name(X)) for X in transforms_of(result)]
-    return str(template().opencv(open_comments(result), named, said, convention))
+    return str(template().opencv(comments_of(result), named, said, convention))
 
 
 def _opencv_several(of: Several) -> str:
@@ -104,6 +104,7 @@ def _npz_one(result: Exportable, convention: str = "toolkit") -> bytes:
         W=result.W,
         covariance_W=converted(result.covariance_W, result.W),
         open_directions=None if result.opened is None else result.opened.basis,
+        intrinsics=result.intrinsics_words,
         frame=result.frame,
         frame_W=result.frame_W,
         convention=NOT_DETERMINED if result.covariance is None else f"covariances of {convention_of(convention).words}",
@@ -138,7 +139,7 @@ def _pose_form(result: Exportable, format: str) -> str:
         angle, distance = (float(np.sqrt(np.linalg.eigvalsh(block)[-1])) for block in blocks)
         said = f"1 sigma, worst direction: {1e3 * distance:.3g} mm, {np.degrees(angle):.3g} deg."
     head = f"{X.name}: pose of the {X.child} in the {X.parent} frame{by}; by uq-handeye."
-    return written_poses(X.T[None], format, [X.name], [head, said, *open_comments(result)])
+    return written_poses(X.T[None], format, [X.name], [head, said, *comments_of(result)])
 
 
 _OF_ONE: dict[str, Callable[[Exportable], str | bytes]] = {

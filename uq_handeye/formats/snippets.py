@@ -72,6 +72,8 @@ class Exportable(Protocol):
     def opened(self) -> Open | None: ...
     @property
     def open_words(self) -> Sequence[str]: ...
+    @property
+    def intrinsics_words(self) -> str | None: ...
     def to_json(self) -> str: ...
 
 
@@ -126,11 +128,13 @@ def with_open(covariance: Array, U: Array) -> Array:
     return np.asarray(covariance + OPEN_SD_M**2 * (U.T @ U))
 
 
-def open_comments(result: Exportable) -> list[str]:
-    """Return the comments of an export about open directions; none where there are none."""
+def comments_of(result: Exportable) -> list[str]:
+    """Return the comments of an export about the intrinsics that X belongs to, and about open directions."""
+    camera = [] if result.intrinsics_words is None else [result.intrinsics_words]
     if result.opened is None:
-        return []
+        return camera
     return [
+        *camera,
         f"Open, not determined by the motions: {'; '.join(result.open_words)}.",
         f"Along these the covariance has a standard deviation of {OPEN_SD_M:g} m (angles: times "
         f"{result.opened.lever:.3g} m), which stands for infinity.",

@@ -25,6 +25,7 @@ class OnePose(ReadOnlyArrays):
     covariance_W: Array | None = None
     opened: Open | None = None  # in the covariance
     open_words: Sequence[str] = ()
+    intrinsics_words: str | None = None
     frame_W: str = ""
 
     @property

@@ -21,7 +21,7 @@ from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle
-from .adjustment.criterion import Candidate
+from .adjustment.criterion import CLEAR_BIC_DIFFERENCE, Candidate
 from .adjustment.initial_guess import unlike_a_board
 from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
 from .adjustment.outliers import spoilt, without_outliers
@@ -47,6 +47,9 @@ MIN_STRETCH = 5e-4
 MAX_PIXEL_NOISE_PX = 3.0
 # Share of the corners that may be outliers.
 MAX_LEFT_OUT_SHARE = 0.02
+# Angle between the axes of two models that fit alike, in standard deviations of the one that is taken, above which it
+# is a caution.
+MAX_MODEL_ANGLE_SD = 3.0
 # Findings that wrong intrinsics make: they are not reported beside these.
 EXPLAINED_BY_GIVEN = (
     "camera.residual_pattern", "camera.board_pattern", "camera.squares_stretched", "camera.corners_left_out",
@@ -133,6 +136,7 @@ def calibrate_camera(
     if bundle.pixel_noise > MAX_PIXEL_NOISE_PX:
         values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
         findings.insert(0, Finding("camera.another_board", "caution", values))
+    findings += _alike(bundle, found.candidates)
     if any(one.code == "camera.given_contradicted" for one in about_given):
         findings = [one for one in findings if one.code not in EXPLAINED_BY_GIVEN]
     findings = about_given + findings
@@ -286,6 +290,25 @@ def _findings(
     if abs(stretch) > max(MIN_STRETCH, np.sqrt(CONTRADICTED.chi_square(1)) * sd):
         found.append(Finding("camera.squares_stretched", "caution", {"stretch": stretch, "std": sd}))
     return found
+
+
+def _alike(bundle: Bundle, candidates: Sequence[Candidate]) -> list[Finding]:
+    """Return a finding where another model fits as well and has its centre elsewhere: X turns by the difference."""
+    of_shape = [one for one in candidates if one.shape == bundle.shape.name and one.centre is not None]
+    least = min((one.bic for one in of_shape), default=np.inf)
+    chosen = [name for name, free in zip(bundle.model.names, bundle.free, strict=False) if free and name not in LINEAR]
+    f, centre = float(bundle.parameters[:2].mean()), bundle.parameters[2:4]
+    others = [
+        (float(np.linalg.norm(np.array(one.centre) - centre)) / f, one.lens)
+        for one in of_shape
+        if one.bic < least + CLEAR_BIC_DIFFERENCE and (one.model, list(one.coefficients)) != (bundle.model.name, chosen)
+    ]
+    sd = float(np.sqrt(np.trace(bundle.covariance[2:4, 2:4]))) / f
+    angle, lens = max(others, default=(0.0, ""))
+    if angle <= sd:
+        return []
+    values = {"lens": lens, "angle": angle, "std": sd}
+    return [Finding("camera.models_alike", "caution" if angle > MAX_MODEL_ANGLE_SD * sd else "note", values)]
 
 
 def _checked_size(image_size: tuple[int, int] | None, corners: Corners) -> tuple[int, int]:

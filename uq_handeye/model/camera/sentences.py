@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...core.formatting.numbers import concise, digits, probability
 from ...findings import CAMERA, sentence
+
+DEG = 180.0 / math.pi
 
 
 @sentence(
@@ -70,6 +73,20 @@ def _(
     )
     by = f"{digits(sigma, 2)} sigma, chi-square {digits(chi2, 3)} of {dof}"
     return f"The given intrinsics do not fit the {data} ({by}): {each}.{why} {done}"
+
+
+@sentence(
+    "camera.models_alike",
+    check=CAMERA,
+    phrase=lambda v: f"{v['lens'].partition(' ')[0]} fits as well, its axis {digits(v['angle'] * DEG, 2)} deg away",
+    effect=lambda v: float(v["angle"] / v["std"]),
+)
+def _(lens: str, angle: float, std: float) -> str:
+    return (
+        f"The model {lens} fits the pictures as well, and its optical axis lies {digits(angle * DEG, 2)} deg away "
+        f"(standard deviation of the axis: {digits(std * DEG, 2)} deg): X turns by as much with it. Use X with the "
+        "model and the numbers that are written."
+    )
 
 
 @sentence("camera.given_moved")

@@ -46,6 +46,7 @@ class Candidate(NamedTuple):
     bic: float  # infinite where the fit did not succeed
     rms: float  # of the residuals, pixels per coordinate
     shape: str = FLAT  # of the board
+    centre: tuple[float, float] | None = None  # cx, cy (px); None where it was read from a file
 
     @property
     def lens(self) -> str:

@@ -184,4 +184,5 @@ def _bic(found: ModelFit) -> float:
 
 def _candidate(found: ModelFit, lens: Lens) -> Candidate:
     rms = float(np.sqrt(np.mean(found.bundle.residuals[found.bundle.used] ** 2)))
-    return Candidate(*lens, _bic(found), rms, found.bundle.shape.name)
+    cx, cy = found.bundle.parameters[2:4].tolist()
+    return Candidate(*lens, _bic(found), rms, found.bundle.shape.name, (cx, cy))
