@@ -31,7 +31,6 @@ if _typing.TYPE_CHECKING:
     from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
     from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .fit.likelihood.rig_bundle import Agreement
-    from .fit.likelihood.shared_estimates import SharedEstimate
     from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
@@ -50,6 +49,7 @@ if _typing.TYPE_CHECKING:
     from .model.camera.measured_board import MeasuredBoard
     from .model.camera.result import CameraCalibration
     from .model.camera.stored_calibration import read_camera
+    from .model.error_terms.estimate import ErrorEstimate
     from .model.error_terms.term import Component
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
@@ -132,6 +132,7 @@ __all__ = [
     "CrossCheck",
     "DegenerateMotionError",
     "Difference",
+    "ErrorEstimate",
     "ErrorParameter",
     "EstimatedPose",
     "InputError",
@@ -161,7 +162,6 @@ __all__ = [
     "RigCalibration",
     "ScalePrior",
     "SharedError",
-    "SharedEstimate",
     "SingularNoiseError",
     "Stream",
     "Synchronised",
@@ -309,7 +309,6 @@ _LATER = {
         "maximum_likelihood",
     ),
     "fit.likelihood.rig_bundle": ("Agreement",),
-    "fit.likelihood.shared_estimates": ("SharedEstimate",),
     "use.live_session.api": ("Live", "live"),
     "use.maintenance.check": ("check",),
     "use.maintenance.check_result": ("ChangeCheck",),
@@ -325,6 +324,7 @@ _LATER = {
     "model.noise.known_values": ("parse_known_values",),
     "model.noise.models": ("PairNoise", "PoseNoise"),
     "model.noise.pose_prior": ("PosePrior",),
+    "model.error_terms.estimate": ("ErrorEstimate",),
     "model.error_terms.term": ("Component",),
     "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "use.planning.plan": ("plan",),

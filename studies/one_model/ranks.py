@@ -123,7 +123,7 @@ def ranked(cell: Cell, seed: int, number: int) -> Ranked:
     found = dict(zip(AXES, _of_mixture(result, off), strict=True))
     found["d²"] = 1.0 - float(result.reference.p_value(float(off @ np.linalg.solve(result.covariance, off))))
     for part in result.components:
-        if not part.known:
+        if not part.known and part.high is not None:
             spread = np.log(part.high / part.low) / (2 * ndtri(0.975))
             found[part.name] = float(ndtr(np.log(sizes[part.name] / part.size) / spread))
     if cell.told is not None:

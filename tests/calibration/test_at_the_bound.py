@@ -94,7 +94,7 @@ def test_noise_is_estimated_where_none_is_given(poses, method):
     estimate = uq.estimate_noise(poses)
     assert result.noise_estimate is not None and result.noise is result.noise_estimate.noise
     for component in estimate.components:
-        assert result.noise_estimate[component.name].value == pytest.approx(component.value, rel=0.02, abs=1e-6)
+        assert result.noise_estimate[component.name].size == pytest.approx(component.size, rel=0.02, abs=1e-6)
     fitted = FITS[method](poses, result.noise)
     if all(flag == "kept" for flag in result.table.flag):
         np.testing.assert_allclose(result.X, fitted.X, atol=1e-6)
@@ -121,13 +121,13 @@ def test_published_methods_take_the_same_noise(poses, method):
 @pytest.mark.slow
 def test_a_prior_passes_through(poses):
     fixed = quietly(poses, prior=uq.NoisePrior(robot=(None, "0.07mm"), factor=1)).noise_estimate
-    assert (fixed["robot translation"].status, fixed["robot translation"].value) == ("fixed", pytest.approx(7e-5))
+    assert (fixed["robot translation"].status, fixed["robot translation"].size) == ("fixed", pytest.approx(7e-5))
     near = quietly(poses, prior=uq.NoisePrior(robot=("0.02deg", "0.05mm"), factor=1.2)).noise_estimate
     assert near["robot rotation"].status == "prior"
-    assert np.degrees(near["robot rotation"].value) == pytest.approx(0.02, rel=0.5)
+    assert np.degrees(near["robot rotation"].size) == pytest.approx(0.02, rel=0.5)
     for options in ({"robust": False}, {"method": "4dpa"}):
         result = quietly(poses, prior=uq.NoisePrior(robot=(None, "0.07mm"), factor=1), **options)
-        assert result.noise_estimate["robot translation"].value == pytest.approx(7e-5)
+        assert result.noise_estimate["robot translation"].size == pytest.approx(7e-5)
 
 
 @pytest.mark.slow

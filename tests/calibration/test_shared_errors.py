@@ -51,7 +51,7 @@ def test_the_total_says_what_it_includes(poses, by_default):
     sigma = 1e3 * by_default.weakest_translation[1]
     first = flat(by_default.summary(verbose=True))
     assert f"is known to {sigma:.2g} mm and " in first
-    focal = f"{100 * by_default.shared[0].prior_sd:.2g} %"
+    focal = f"{100 * by_default.shared[0].size:.2g} %"
     said = f"This total includes what all poses share: focal length {focal}, principal point 1 mrad (default), target "
     assert said in first  # the size of the focal length was found
     without = quietly(poses, shared=[])
@@ -201,7 +201,7 @@ def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
     rows = {row[0]: row[1:] for row in shared_table(by_default).rows}
     assert list(rows) == ["focal length", "principal point x", "principal point y", "target scale", "robot scale"]
     focal = by_default.shared[0]
-    assert rows["focal length"][0] == f"{100 * focal.prior_sd:.2g} % (default)"
+    assert rows["focal length"][0] == f"{100 * focal.size:.2g} % (default)"
     assert rows["focal length"][2] == f"{100 * focal.share:.1f} %"
     assert rows["focal length"][1].endswith(") %") and rows["principal point x"][0] == "1 mrad (default)"
     assert rows["robot scale"][0][0].startswith("not declared: the residuals indicate ")
@@ -279,7 +279,7 @@ def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
 @pytest.mark.parametrize(
     "change",
     [
-        {"prior_sd": 0.0}, {"sd": -1e-3}, {"share": 1.5}, {"effect": [0.0] * 5}, {"name": 3},
+        {"size": 0.0}, {"sd": -1e-3}, {"share": 1.5}, {"effect": [0.0] * 5}, {"key": 3},
         {"alone_sd": None}, {"focal_length_px": -1.0}, {"default": "yes"},
     ],
 )  # fmt: skip

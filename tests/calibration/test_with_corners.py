@@ -51,8 +51,8 @@ def test_nothing_but_poses_from_corners(recording, result):
     beside = calibrate(poses, shared=[], correlation="none")
     alone = estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X)
     for name in ("robot rotation", "robot translation"):  # the same model, but for what corners of a picture share
-        assert plain.noise_estimate[name].value == pytest.approx(alone[name].value, rel=1e-2)
-        assert beside.noise_estimate[name].low < alone[name].value < beside.noise_estimate[name].high
+        assert plain.noise_estimate[name].size == pytest.approx(alone[name].size, rel=1e-2)
+        assert beside.noise_estimate[name].low < alone[name].size < beside.noise_estimate[name].high
     assert result.reference.kind == "t" and np.isfinite(result.reference.dof)
     off = error(result.X, X)
     assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
@@ -82,7 +82,7 @@ def test_a_data_sheet_of_the_robot(recording):
     found = calibrate(recording[0], prior=NoisePrior(robot=("0.003deg", "0.02mm"), factor=1)).noise_estimate
     assert found["robot rotation"].status == "fixed"
     excess = found["camera beyond its corners"]
-    assert excess.unit == "px" and found.tested == (excess.value == 0)
+    assert excess.unit == "px" and found.tested == (excess.size == 0)
     with pytest.raises(InputError, match="for the robot only"):
         calibrate(recording[0], prior=NoisePrior(camera=("0.1deg", None)))
 

@@ -135,7 +135,7 @@ def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
         result = uq.calibrate(poses_of(shifted(corners, rng, 0.025), robot), prior=exact, shared=[])
         e = error(result.X, X)
         found.append(e @ np.linalg.solve(result.covariance, e))
-        pixels.append([result.noise_estimate[name].value for name in (shift, usual)])
+        pixels.append([result.noise_estimate[name].size for name in (shift, usual)])
     low, high = stats.chi2.interval(CONFIDENCE, 6 * 12)
     assert low < np.sum(found) < high
     assert np.median(pixels, axis=0) == pytest.approx([0.025, 0.008], rel=0.3)

@@ -64,7 +64,7 @@ def test_intervals_cover(noise, setup, n):
         # a share of the views' noise is counted on average over the poses: intervals may cover more
         hits = sum(part.low <= true <= part.high for part in parts)
         assert within(hits, sets, lower_only=True), (name, hits)
-        logs = np.array([np.log([part.value, part.high / part.low]) for part in parts])
+        logs = np.array([np.log([part.size, part.high / part.low]) for part in parts])
         half = 0.25 * logs[:, 1]
         narrow = int((np.abs(logs[:, 0] - np.log(true)) < 0.5 * half).sum())
         assert not within(narrow, sets, lower_only=True), (name, narrow)
@@ -127,12 +127,12 @@ def test_priors():
     np.testing.assert_allclose(np.sqrt(fixed.noise.robot[3, 3]), 5e-5)
     loose = estimate_noise(poses, NoisePrior(robot=(None, "0.05mm")))
     for name in TOGETHER:  # a prior of the split leaves the sum
-        assert loose[name].value == pytest.approx(free[name].value, rel=0.05)
+        assert loose[name].size == pytest.approx(free[name].size, rel=0.05)
     part = loose["robot translation"]
-    assert part.status == "prior" and part.low < 5e-5 < part.high and 2 < part.high / part.value < 5
+    assert part.status == "prior" and part.low < 5e-5 < part.high and 2 < part.high / part.size < 5
     everything = estimate_noise(poses, NoisePrior(("0.02deg", "0.05mm"), ("0.1deg", "0.5mm"), factor=1))
     assert everything.keys == () and {part.status for part in everything.components} == {"fixed"}
-    np.testing.assert_allclose(everything[TOGETHER[1]].value ** 2, truth_of(WEAK_ROBOT)[2])
+    np.testing.assert_allclose(everything[TOGETHER[1]].size ** 2, truth_of(WEAK_ROBOT)[2])
     assert np.isinf(effective_dof(efficient(poses, everything.noise), everything))
     both = estimate_noise(poses, NoisePrior(("0.02deg", "0.05mm"), ("0.1deg", "0.5mm")))
     assert {c.status for c in both.components} == {"prior"}
@@ -190,8 +190,8 @@ def test_motions_without_poses():
     A, B = (support.moved(T, sd * rng.normal(size=(200, 6))) for T in (A, B))
     estimate = estimate_noise(uq.Motions(A, B))
     assert isinstance(estimate.noise, uq.PairNoise)
-    np.testing.assert_allclose(estimate["rotation, A and B together"].value, 1e-3 * np.sqrt(2), rtol=0.15)
-    np.testing.assert_allclose(estimate["translation, A and B together"].value, 5e-4 * np.sqrt(2), rtol=0.15)
+    np.testing.assert_allclose(estimate["rotation, A and B together"].size, 1e-3 * np.sqrt(2), rtol=0.15)
+    np.testing.assert_allclose(estimate["translation, A and B together"].size, 5e-4 * np.sqrt(2), rtol=0.15)
     assert estimate.dof == 1194
 
 

@@ -79,7 +79,7 @@ def test_deviations_of_errors_are_those_of_the_posterior(result):
 def test_the_budget_is_that_of_the_posterior(result):
     """Errors with what the mixture makes of them, sizes by what they move X, the noise of the poses the rest."""
     P, of = result.posterior, result.budget
-    parts = parts_of_posterior(P, {error.key: error.prior_sd for error in result.shared})
+    parts = parts_of_posterior(P, {error.key: error.size for error in result.shared})
     unit = np.sqrt(np.outer(*[np.diag(P.covariance)[:12]] * 2))
     for key, S in parts.items():
         np.testing.assert_allclose(of.covariances[of.keys.index((key,))] / unit, S / unit, atol=1e-6)

@@ -41,12 +41,12 @@ def test_only_what_the_data_know_is_exported(result):
     found = corrected_urdf(result.kinematics, SIX_AXES)
     exported = {row.name for row in found.exported}
     for row in result.kinematics.table():
-        geometric = row.group in (OFFSETS, TILTS, LENGTHS)
-        assert (row.name in exported) == (geometric and row.sd < 0.5 * row.prior_sd)
+        geometric = row.key.kind in (OFFSETS, TILTS, LENGTHS)
+        assert (row.name in exported) == (geometric and row.sd < 0.5 * row.size)
     names = [error.name for error in ARM.errors]
     assert {names[k] for k in np.flatnonzero(found.e)} == exported
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), [row.sd for row in found.exported])
-    assert {row.group for row in found.functions} == {"transmission", "sag"}
+    assert {row.key.kind for row in found.functions} == {"transmission", "sag"}
     functions = np.where([error.group in ("transmission", "sag") for error in ARM.errors], result.kinematics.e, 0.0)
     move = ARM.poses(Q, functions)[:, :3, 3] - ARM.poses(Q)[:, :3, 3]
     assert found.by_functions == pytest.approx(np.sqrt(np.mean(np.sum(move**2, axis=-1))), rel=0.2)
@@ -66,7 +66,8 @@ def test_the_rest_of_the_text_stays(result):
     lines = found.text.splitlines()
     assert lines[0] == SIX_AXES.splitlines()[0]  # the declaration
     changed = set(SIX_AXES.splitlines()) - set(lines)
-    exported = {row.joint for row in found.exported}
+    joint = {error.key: error.joint for error in result.kinematics.chain.errors}
+    exported = {joint[row.key] for row in found.exported}
     assert changed and all("<origin" in line or any(name in line for name in exported) for line in changed)
 
 

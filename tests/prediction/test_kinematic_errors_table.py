@@ -26,12 +26,12 @@ def test_each_error_that_counts_has_a_row(found):
     shared = {error.name: error for error in result.shared_at_sizes}  # the arm is that of the mean sizes
     for row in rows:
         of = shared[row.name]
-        assert (row.group, row.unit) == (of.error, of.unit)
-        assert row.prior_sd == pytest.approx(of.prior_sd) and of.prior_sd == pytest.approx(
-            declared().standard_deviations[row.group]
+        assert (row.key.kind, row.unit) == (of.key.kind, of.unit)
+        assert row.size == pytest.approx(of.size) and of.size == pytest.approx(
+            declared().standard_deviations[row.key.kind]
         )
         assert row.estimate == pytest.approx(of.estimate, abs=1e-12) and row.sd == pytest.approx(of.sd, rel=1e-6)
-        assert row.told == pytest.approx(1 - (of.sd / of.prior_sd) ** 2, abs=1e-6) and 0 <= row.told <= 1
+        assert row.resolved == pytest.approx(1 - (of.sd / of.size) ** 2, abs=1e-6) and 0 <= row.resolved <= 1
 
 
 @pytest.mark.slow
@@ -40,7 +40,7 @@ def test_the_share_told_of_groups_is_the_mean_of_theirs(found):
     rows, told = result.kinematics.table(), result.kinematics.told()
     assert list(told) == ["joint offsets", "joint tilts", "link lengths", "transmission", "sag"]
     for group, share in told.items():
-        assert share == pytest.approx(np.mean([row.told for row in rows if row.group == group]))
+        assert share == pytest.approx(np.mean([row.resolved for row in rows if row.key.kind == group]))
     assert told["joint offsets"] > told["link lengths"]  # 0.2 mm of a link are hardly seen
 
 

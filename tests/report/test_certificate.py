@@ -115,7 +115,7 @@ def test_inputs_are_those_that_were_declared_or_found(results):
     estimate = results["estimated"].noise_estimate
     found = {row.name: row.input for row in budget_rows(results["estimated"])}
     name = "camera translation" if "camera translation" in found else "camera (rotation and translation)"
-    assert digits(1e3 * estimate["camera translation"].value, 2) in found[name].uncertainty
+    assert digits(1e3 * estimate["camera translation"].size, 2) in found[name].uncertainty
     assert found["focal length"].origin == "assumed"
 
 

@@ -25,8 +25,9 @@ from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.core.presentation.figure_parts import WIDTH, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
-from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate
 from uq_handeye.fit.likelihood.shared_groups import grouped
+from uq_handeye.model.error_terms.estimate import ErrorEstimate
+from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
 from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures
@@ -296,7 +297,8 @@ def test_the_budget_is_drawn_as_it_is():
 
 
 def shared_error(name, prior_sd, estimate, sd, unit=""):
-    return SharedEstimate(name, name, "camera", unit, prior_sd, estimate, sd, None, None, np.zeros(6), 0.5)
+    key = ErrorKey(Owner.CAMERA, Kind.OWN, name=name)
+    return ErrorEstimate(key, "camera", unit, prior_sd, estimate=estimate, sd=sd, share=0.5)
 
 
 def test_shared_errors_are_drawn_in_what_was_assumed_of_them():

@@ -303,7 +303,7 @@ def test_the_share_of_the_intrinsics_is_in_the_budget(views):
     assert {"intrinsics", "camera (each pose)"} <= set(budget.sources)
     # what is declared beside it, here the size of the board, is no part of what the views say of the camera
     wide = calibrate(poses, noise=uq.camera_noise(poses, POINTS, rounded), shared=[uq.SharedError.target_scale("5%")])
-    assert wide.noise_estimate["camera translation"].value < 1.5 * result.noise_estimate["camera translation"].value
+    assert wide.noise_estimate["camera translation"].size < 1.5 * result.noise_estimate["camera translation"].size
 
 
 def test_of_a_single_tag_the_intrinsics_are_those_of_another_calibration(views):

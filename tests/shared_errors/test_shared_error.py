@@ -286,7 +286,7 @@ def test_what_is_exact_has_no_column(tmp_path):
     result = uq.calibrate(data, noise=NOISE, shared=[SharedError.focal_length("none"), own])
     assert [entry.name for entry in result.shared] == ["own: 1"]
     result.to_json(tmp_path / "result.json")
-    assert uq.Calibration.from_json(tmp_path / "result.json").shared[0].prior_sd == 1e-4
+    assert uq.Calibration.from_json(tmp_path / "result.json").shared[0].size == 1e-4
 
 
 def test_a_lens_does_not_run_away_where_no_lens_looks():

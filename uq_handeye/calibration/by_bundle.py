@@ -35,7 +35,7 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     # A shift of a picture that the data resolve is noise of its corners that moves their mean by as much.
     times = {CAMERA_EXCESS: 1.0, PICTURE_SHIFT: corners}
     told = [part for part in components if part.key == CAMERA_EXCESS or part.status == "estimated"]
-    excess = float(np.sqrt(sum(times.get(part.key, 0.0) * part.value**2 for part in told)))
+    excess = float(np.sqrt(sum(times.get(part.key, 0.0) * part.size**2 for part in told)))
     found = adjust_rig(poses, robot, fit.unknowns, fit.weights, excess)
     agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
     of_offset = result.covariance - fit.covariance_X

@@ -364,7 +364,7 @@ def _assembled(
             posterior = with_open_sizes(posterior, fit.covariance, of_rest, found)
     shared = estimates_of(joint, job.shared, fit)
     if isinstance(posterior, OpenSizes):
-        analysis = replace(analysis, joint=posterior, prior_sd={error.key: error.prior_sd for error in shared})
+        analysis = replace(analysis, joint=posterior, prior_sd={error.key: error.size for error in shared})
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,

@@ -14,8 +14,9 @@ from ..core.numbers.levels import CONTRADICTED, DOUBTFUL, RARE
 from ..findings import GROSS_EXCESS, Finding, Severity
 from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
-from ..fit.likelihood.shared_estimates import SharedEstimate, group_test
+from ..fit.likelihood.shared_estimates import group_test
 from ..model.camera.description import spacing_of
+from ..model.error_terms.estimate import ErrorEstimate
 from ..model.error_terms.key import ErrorKey
 from ..model.error_terms.keys import TARGET_SCALE
 from ..model.noise.estimate import NoiseEstimate
@@ -73,7 +74,7 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
     """
     found = []
-    by_key: dict[ErrorKey, list[SharedEstimate]] = {}
+    by_key: dict[ErrorKey, list[ErrorEstimate]] = {}
     for error in result.shared_at_sizes:
         by_key.setdefault(error.key.source, []).append(error)
     for key, errors in by_key.items():
@@ -89,10 +90,10 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     single = [errors[0] for errors in by_key.values() if len(errors) == 1]
     for error in single:
         alone, sd = error.alone, error.alone_sd
-        told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.prior_sd**2
+        told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.size**2
         if told and (error.p_value or 0) < CONTRADICTED.probability:
             factor, unit = error.shown
-            numbers = {"estimate": alone, "sd": sd, "assumed": error.prior_sd}
+            numbers = {"estimate": alone, "sd": sd, "assumed": error.size}
             shown = {name: factor * number for name, number in numbers.items() if number is not None}
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
@@ -100,14 +101,14 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
         if error.key == TARGET_SCALE and probability > 0.5:
             size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job), "probability": probability}
             found.append(Finding("calibration.target_size", "caution", size))
-    groups: dict[ErrorKey, list[SharedEstimate]] = {}
+    groups: dict[ErrorKey, list[ErrorEstimate]] = {}
     for error in single:
         if error.share > DOMINANT_SHARE:
             groups.setdefault(error.key.error, []).append(error)
     return found + [finding for key, errors in groups.items() for finding in _confounded(result, str(key), errors)]
 
 
-def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]) -> list[Finding]:
+def _confounded(result: Calibration, name: str, errors: Sequence[ErrorEstimate]) -> list[Finding]:
     """Report along which directions most of an error goes into X; a caution where X is hardly determined then."""
     assert result.covariance is not None and result.analysis is not None
     S, R = result.covariance, result.X[:3, :3]
@@ -122,10 +123,10 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
         directions.append({"what": kind, "axis": R.T @ parts[kind] / size, "size": size})
         hardly |= size > (MAX_CONFOUNDED_SIZE if kind == "rotation" else MAX_CONFOUNDED_SIZE * distance)
     factor, unit = errors[0].shown
-    values = {"name": name, "unit": unit, "assumed": factor * errors[0].prior_sd, "directions": directions}
+    values = {"name": name, "unit": unit, "assumed": factor * errors[0].size, "directions": directions}
     if hardly and not errors[0].default:
         return [Finding("calibration.shared_opens", "caution", values)]
-    untold = all(error.sd > UNRESOLVED_SD * error.prior_sd for error in errors)
+    untold = all(error.sd > UNRESOLVED_SD * error.size for error in errors)
     return [Finding("calibration.shared_confounded", "note", values)] if untold else []
 
 

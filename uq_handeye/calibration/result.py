@@ -102,10 +102,10 @@ class Calibration(Statement):
         Residual, distance, leverage, weight and flag of each pose, also of the excluded ones.
     time_offset : TimeOffset or None
         Of interpolated poses: the offset and its share of the covariance.
-    shared : tuple of SharedEstimate
+    shared : tuple of ErrorEstimate
         Errors that all poses share: assumed standard deviation, estimate and standard deviation after the fit, share
         of the variance of X.
-    shared_at_sizes : tuple of SharedEstimate
+    shared_at_sizes : tuple of ErrorEstimate
         The source of `shared`: the same for the mean sizes of the errors, as the numbers of `kinematics` are.
     agreement : Agreement or None
         Of method "bundle": its distance from `efficient`, and the time of each.

@@ -259,7 +259,7 @@ class PoseFiles(StreamFiles):
             raise InputError(f"{exact} the other noise cannot be estimated. Give {side}, or {side} {EXACT}.")
         known = noise is not None or poses.intrinsics_covered
         listed = replace_defaults((), known) if shared is None else shared
-        errors = settled_errors(listed, {error.key: error.prior_sd for error in found.shared}, poses)
+        errors = settled_errors(listed, {error.key: error.size for error in found.shared}, poses)
         return poses, without_shared(found.noise, errors), list(errors)
 
     def read_kept(

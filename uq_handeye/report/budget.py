@@ -27,10 +27,11 @@ from ..core.numbers.levels import INTERVAL
 from ..core.numbers.rounding import TINY
 from ..core.presentation.document import Cell, Table
 from ..fit.diagnostics.budget import PRIORS, Budget, Expanded, Source
+from ..model.error_terms.estimate import SHOWN, ErrorEstimate
 from ..model.error_terms.key import ErrorKey, Kind, Owner
 from ..model.error_terms.key_text import text_of_source
 from ..model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
-from ..model.noise.estimate import SHOWN, SIDES, Component, NoiseEstimate
+from ..model.noise.estimate import SIDES, NoiseEstimate
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import marginals
 
@@ -258,10 +259,10 @@ def _estimated(source: Source, estimate: NoiseEstimate) -> Input | None:
     if not parts:
         return None
     parts = parts[:2]
-    return Input(_sizes((part.value, part.unit) for part in parts), NORMAL, _ORIGIN.get(parts[0].status, _ESTIMATED))
+    return Input(_sizes((part.size, part.unit) for part in parts), NORMAL, _ORIGIN.get(parts[0].status, _ESTIMATED))
 
 
-def _belongs(part: Component, key: ErrorKey) -> bool:
+def _belongs(part: ErrorEstimate, key: ErrorKey) -> bool:
     """Return whether a component is that of an error of a source: the same, or one of its two kinds."""
     of_both = key.kind in _OF_BOTH and part.key.owner == key.owner and part.key.kind in KINDS
     of_pixels = part.unit == "px" and (key.error == INTRINSICS or (key.kind in _OF_SIDE and key.owner == Owner.CAMERA))

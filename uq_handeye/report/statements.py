@@ -252,7 +252,7 @@ def _robot_noise(result: Calibration) -> dict[Kind, float | None]:
                 and kind in found
                 and part.status not in ("not told apart", "exact", "zero")
             ):
-                found[kind] = factors[kind] * part.value
+                found[kind] = factors[kind] * part.size
         return found
     S = getattr(result.noise, "robot", None)
     if S is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ from ...fit.empirical_covariance.resampled import KINDS, resampled
 from ...fit.likelihood.gauss_helmert import Fit
 from ...fit.likelihood.shared_estimates import of_moves
 from ...fit.one_model.points import OpenSizes
+from ...model.error_terms.estimate import ErrorEstimate, resolved_share
 from ...model.error_terms.key import ErrorKey, Kind
 from ...model.error_terms.keys import DRIFTS
 from ...model.kinematics.arms.newton import postures_at
@@ -46,19 +47,6 @@ if TYPE_CHECKING:
 
 # The controller's poses count as those of the joints where their RMS difference (rad, m) is below this.
 MAX_CONTROLLER_RMS = (np.radians(0.01), 1e-4)
-
-
-class ErrorEstimate(NamedTuple):
-    """One number of e: its prior, and its estimate from the data (rad, m; ``true - model``)."""
-
-    name: str
-    group: str
-    joint: str
-    unit: str
-    prior_sd: float
-    estimate: float
-    sd: float
-    told: float  # share of the prior variance that the data took away, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,21 +84,31 @@ class FittedKinematics(Record):
         for k in self.kept.tolist():
             of, prior = self.chain.errors[k], self.sd.get(self.chain.errors[k].group, 0.0)
             sd = float(np.sqrt(self.covariance[k, k]))
-            told = float(np.clip(1.0 - (sd / prior) ** 2, 0.0, 1.0)) if prior > 0 else 0.0
-            found.append(ErrorEstimate(of.name, of.group, of.joint, of.unit, prior, float(self.e[k]), sd, told))
+            found.append(
+                ErrorEstimate(
+                    of.key, "robot", of.unit, prior, prior, prior, count=1, resolved=resolved_share(sd, prior),
+                    estimate=float(self.e[k]), sd=sd,
+                )
+            )  # fmt: skip
         return found
 
     def told(self) -> dict[str, float]:
         """Share by which the data reduced the prior variance of each group of errors, on average, 0 to 1."""
         rows = self.table()
-        shares = {group: [row.told for row in rows if row.group == group] for group in GROUPS}
+        shares = {group: [row.resolved for row in rows if row.key.kind == group] for group in GROUPS}
         return {group: float(np.mean(share)) for group, share in shares.items() if share}
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table of `table`, a row per number of e by its name."""
         import pandas as pd
 
-        return pd.DataFrame(self.table(), columns=list(ErrorEstimate._fields)).set_index("name")
+        joint = {error.key: error.joint for error in self.chain.errors}
+        rows = [
+            (row.name, row.key.kind.value, joint[row.key], row.unit, row.size, row.estimate, row.sd, row.resolved)
+            for row in self.table()
+        ]
+        head = ["name", "group", "joint", "unit", "prior_sd", "estimate", "sd", "resolved"]
+        return pd.DataFrame(rows, columns=head).set_index("name")
 
     def at(self, q: Array) -> Array:
         """(..., 4, 4) ``FK(q; e)`` at the estimate, in the frames that X is stated in."""

@@ -24,13 +24,12 @@ from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
 from ...fit.diagnostics.task_space import Link, PointUncertainty, by_pose, frames_of, moves_of_points, through
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
-from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
 from ...methods.procrustes.paper_covariances import PAPER_SCALE
 from ...methods.procrustes.scaled import octonion
 from ...methods.procrustes.scaled_sensitivity import pose_from_octonion_jacobian
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.noise.estimate import FoundComponent
 from ...model.noise.models import Noise
 from ...model.poses.estimated_pose import EstimatedPose
 from ...model.poses.motions import Motions
@@ -75,7 +74,7 @@ class Estimated(Named, Record):
         self.__post_init__()
 
     @property
-    def components(self) -> tuple[FoundComponent, ...]:
+    def components(self) -> tuple[ErrorEstimate, ...]:
         """All errors of the joint model, with their sizes and their effects on X; empty where the noise was given."""
         return () if self.noise_estimate is None else self.noise_estimate.of_model
 
@@ -90,7 +89,7 @@ class Estimated(Named, Record):
         return held.posterior if isinstance(held, OpenSizes) else held
 
     @cached_property
-    def shared(self) -> tuple[SharedEstimate, ...]:
+    def shared(self) -> tuple[ErrorEstimate, ...]:
         """Errors that all poses share, with the standard deviations of the posterior, sizes integrated over."""
         if not isinstance(self.joint_posterior, OpenSizes):
             return self.shared_at_sizes
@@ -141,7 +140,7 @@ class Estimated(Named, Record):
         touched = "evidence.touches_used" in self._taken_in
         noise = ErrorKey(Owner.ALL, Kind.POSES_AND_TOUCHES if touched else Kind.POSES)
         dof = math.inf if self.reference.dof is None else self.reference.dof
-        sd = {error.key: error.prior_sd for error in self.shared}
+        sd = {error.key: error.size for error in self.shared}
         return budget_of_posterior(self.posterior, sd, self.X, noise, dof)
 
     @property

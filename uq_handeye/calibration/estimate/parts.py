@@ -18,8 +18,8 @@ from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ...fit.likelihood.reference import Reference
 from ...fit.likelihood.rig_bundle import Agreement
-from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.models import Noise
 from ...model.poses.estimated_pose import EstimatedPose
@@ -110,7 +110,7 @@ class Errors(Record):
     noise: Noise | None = None
     noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
-    shared_at_sizes: tuple[SharedEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
+    shared_at_sizes: tuple[ErrorEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
     joint_posterior: Posterior | OpenSizes | None = None  # what `posterior` is made of
 

@@ -120,7 +120,7 @@ def evidence_of_poses(
     if len(kept) < len(THINGS):
         other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
         r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
-        sd = {error.key: error.prior_sd for error in result.shared}
+        sd = {error.key: error.size for error in result.shared}
         anew = by_state[..., other] * np.array([sd.get(posterior.keys[k - 12], 1.0) for k in other])
         by_state[..., other] = 0.0
     by_unit = by_state @ posterior.A
@@ -160,7 +160,7 @@ def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
         return found[0]
     times = np.arange(float(poses.n)) if poses.timestamps is None else poses.timestamps
     for of, R in ((Owner.CAMERA, np.eye(3)), (Owner.TARGET, poses.camera[:, :3, :3])):
-        if (sd := next((one.prior_sd for one in result.shared if one.key.error == DRIFTS[of]), 0.0)) > 0:
+        if (sd := next((one.size for one in result.shared if one.key.error == DRIFTS[of]), 0.0)) > 0:
             constant = np.zeros((poses.n, 6, 6))
             constant[:, :3, :3] = constant[:, 3:, 3:] = np.sqrt(poses.n / 3.0) * R
             found += [sd * constant, sd * drift_columns(poses.camera, times, of == Owner.TARGET)]

@@ -25,11 +25,12 @@ from ...core.geometry.se3 import Array, inverse
 from ...core.numbers.rounding import THIRD_DIGITS
 from ...errors import InputError
 from ...formats.snippets import fixed_axis_angles
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ...model.kinematics.forward import align
-from ..estimate.analysis import ErrorEstimate, FittedKinematics
+from ..estimate.analysis import FittedKinematics
 
 if TYPE_CHECKING:
     from ...model.kinematics.descriptions.urdf import Placed
@@ -96,11 +97,11 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     chain = fitted.chain
     q = chain.spread(200)
     _require_same(chain, Kinematics.from_urdf(urdf, chain.base, chain.tip), q)
-    rows = {row.name: row for row in fitted.table()}
-    index = {error.name: k for k, error in enumerate(chain.errors)}
-    geometric = [row for row in rows.values() if row.group in (OFFSETS, TILTS, LENGTHS)]
-    exported = [row for row in geometric if row.sd < narrower * row.prior_sd]
-    kept = np.array([index[row.name] for row in exported], dtype=np.intp)
+    rows = {row.key: row for row in fitted.table()}
+    index = {error.key: k for k, error in enumerate(chain.errors)}
+    geometric = [row for row in rows.values() if row.key.kind in (OFFSETS, TILTS, LENGTHS)]
+    exported = [row for row in geometric if row.sd < narrower * row.size]
+    kept = np.array([index[row.key] for row in exported], dtype=np.intp)
     of_functions = np.array([error.group not in (OFFSETS, TILTS, LENGTHS) for error in chain.errors])
     e = np.zeros(len(chain.errors))
     e[kept] = fitted.e[kept]

@@ -446,7 +446,7 @@ def errors_of_poses(result: Estimated) -> list[SharedError]:
 
 def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Array:
     """(m, 6, 6) covariance of the robot's errors at other poses, given those at the poses of the calibration."""
-    sd = next((error.prior_sd for error in result.shared if error.key.error == ROBOT_ACCURACY), 0.0)
+    sd = next((error.size for error in result.shared if error.key.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
         if error.unseen is not None:
             return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), measured)

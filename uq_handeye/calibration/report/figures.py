@@ -17,7 +17,7 @@ from ...core.formatting.numbers import concise
 from ...core.geometry.se3 import Array
 from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
 from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from ...fit.likelihood.shared_groups import SharedGroup
+from ...model.error_terms.estimate import ErrorEstimate
 from ..estimate.estimated import distance_of
 from .budget import KINDS
 from .points_ahead import ahead, worst_deviation
@@ -100,7 +100,7 @@ def budget_figure(shares: Mapping[str, Array]) -> Figure:
     return finished(figure)
 
 
-def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
+def shared_figure(errors: Sequence[ErrorEstimate]) -> Figure:
     """Figure of the assumed standard deviation of each error, as a bar, and its estimate with the one after the fit.
 
     Of an error of many numbers the estimates are dots, without their standard deviations.
@@ -111,8 +111,8 @@ def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
     plain(axis)
     axis.grid(axis="y", visible=False)
     y = np.arange(count)
-    z = [np.array([part.estimate / part.prior_sd for part in error.parts]) for error in errors]
-    after = [np.array([part.sd / part.prior_sd for part in error.parts]) for error in errors]
+    z = [np.array([part.estimate / part.size for part in error.parts]) for error in errors]
+    after = [np.array([part.sd / part.size for part in error.parts]) for error in errors]
     ends = [np.abs(of) + (sd if len(of) == 1 else 0.0) for of, sd in zip(z, after, strict=True)]
     reach = float(min(max(1.3, 1.1 * max(float(end.max()) for end in ends)), 6.0))
     axis.barh(y, 2.0, 0.56, left=-1.0, color=QUIET, alpha=0.35, label="assumed, 1 sigma")
@@ -137,7 +137,7 @@ def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
     return finished(figure)
 
 
-def _amount(error: SharedGroup) -> str:
+def _amount(error: ErrorEstimate) -> str:
     if error.count > 1:
         return found_of(error)
     factor, unit = error.parts[0].shown

@@ -9,8 +9,8 @@ from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, small_unit
 from ...core.numbers.levels import RARE
 from ...core.presentation.document import Block, Paragraph, Points, Table
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...model.error_terms.estimate import SHOWN, ErrorEstimate
 from ...model.error_terms.keys import DRIFTS, VIEW
-from ...model.noise.estimate import SHOWN, Component, FoundComponent
 from ...model.noise.models import Noise, is_joint, marginals
 from ..result import Calibration
 
@@ -57,15 +57,17 @@ def noise_blocks(result: Calibration) -> list[Block]:
     return blocks
 
 
-def _of_model(part: FoundComponent) -> list[str]:
+def _of_model(part: ErrorEstimate) -> list[str]:
     factor, unit = (1e3, "mrad, mm") if part.key in (VIEW, *DRIFTS.values()) else small_unit(part.unit)
     size = f"{fixed(factor * part.size)} {unit}".rstrip()
-    between = "known" if part.known else f"{fixed(factor * part.low)} to {fixed(factor * part.high)} {unit}".rstrip()
-    numbers = f"{part.determined:.1f} of {part.count}" if part.count else "each pose"
+    between = (
+        "known" if part.known else f"{fixed(factor * part.low)} to {fixed(factor * (part.high or 0.0))} {unit}".rstrip()
+    )
+    numbers = f"{part.resolved * part.count:.1f} of {part.count}" if part.count else "each pose"
     return [part.name, part.side, size, between, numbers, f"{100 * part.share:.1f} %"]
 
 
-def _component(component: Component) -> list[str]:
+def _component(component: ErrorEstimate) -> list[str]:
     factor, unit = SHOWN[component.unit]
     high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
     if component.high is not None and not np.isfinite(component.high):
@@ -73,7 +75,7 @@ def _component(component: Component) -> list[str]:
     between = f"{fixed(factor * component.low)} to {high}"
     if component.is_given:
         between = ""
-    return [component.name, f"{fixed(factor * component.value)} {unit}", between, component.shown_status]
+    return [component.name, f"{fixed(factor * component.size)} {unit}", between, component.shown_status]
 
 
 def _given(noise: Noise) -> list[list[str]]:

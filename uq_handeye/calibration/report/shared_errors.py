@@ -16,8 +16,7 @@ from ...core.presentation.document import (
 )
 from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
-from ...fit.likelihood.shared_estimates import SharedEstimate
-from ...fit.likelihood.shared_groups import SharedGroup
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
 from ...model.shared_errors.shared_error import WRONG_SIZE
 from ..result import Calibration
@@ -74,7 +73,7 @@ def look_alike(result: Calibration) -> bool:
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
 
 
-def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
+def _declared(group: ErrorEstimate, estimated: bool) -> list[Cell]:
     how = "estimated" if estimated else "default" if group.default else "declared"
     share = f"{100 * group.share:.1f} %"
     if group.count > 1:
@@ -85,13 +84,13 @@ def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
     return [error.name, f"{amount(error)} ({how})", found, share]
 
 
-def found_of(group: SharedGroup) -> str:
+def found_of(group: ErrorEstimate) -> str:
     """RMS of the estimates of a group, and the share of it that the data resolved."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
     if group.parts[0].stated:
-        return f"told {100 * group.told:.0f} %"
+        return f"told {100 * group.resolved:.0f} %"
     rms = ", ".join(size.rstrip() for size in sizes)
-    return f"RMS {rms}; told {100 * group.told:.0f} %"
+    return f"RMS {rms}; told {100 * group.resolved:.0f} %"
 
 
 def _undeclared(probe: ScaleError) -> str:
@@ -105,10 +104,10 @@ def _undeclared(probe: ScaleError) -> str:
     return f"not declared: the residuals indicate {relative(probe.estimate, probe.sd)}; {move}"
 
 
-def amount(error: SharedEstimate) -> str:
+def amount(error: ErrorEstimate) -> str:
     """The standard deviation assumed, in the unit that people read."""
     factor, unit = error.shown
-    return f"{digits(factor * error.prior_sd, 2)} {unit}".rstrip()
+    return f"{digits(factor * error.size, 2)} {unit}".rstrip()
 
 
 def included_words(result: Calibration) -> str:

@@ -29,7 +29,8 @@ from ...findings import (
     Finding,
     without_consequences,
 )
-from ...fit.likelihood.shared_groups import SharedGroup, grouped
+from ...fit.likelihood.shared_groups import grouped
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey
 from ...model.error_terms.key_text import plain_text
 from ...model.error_terms.keys import CLOCK_OFFSET, FOCAL_LENGTH, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
@@ -182,7 +183,7 @@ def _of_halves(result: Estimated) -> Check:
     return Check(HALVES, "ok", f"X of two halves {words} ({probability(least, 2)})", tuple(h.finding for h in run))
 
 
-def shared_groups(result: Estimated) -> list[SharedGroup]:
+def shared_groups(result: Estimated) -> list[ErrorEstimate]:
     """Return the shared errors of a result, those of many numbers as one."""
     carried = any(error.key.error == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
     return grouped(result.shared, result.covariance if carried or result.bound is None else result.bound)
@@ -199,7 +200,7 @@ def included(result: Estimated) -> list[tuple[ErrorKey | None, str, bool]]:
         parts.append((None, "errors of the intrinsics", False))
     elif result.noise is not None and _unnamed(result.noise):
         parts.append((None, "the joint covariance of the noise", False))
-    groups: dict[ErrorKey, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
+    groups: dict[ErrorKey, list[ErrorEstimate]] = {}  # by error: such as both coordinates of the principal point
     for group in shared_groups(result):
         groups.setdefault(group.key.error, []).append(group)
     of_arm = [key for key in groups if key.kind in DECLARED_AS]
@@ -234,7 +235,7 @@ def not_included(result: Estimated) -> list[str]:
     return [camera, robot, target]
 
 
-def sizes_of(group: SharedGroup) -> str:
+def sizes_of(group: ErrorEstimate) -> str:
     """Return the standard deviations assumed of the numbers of a group: one, or from the smallest to the largest."""
     if group.parts[0].stated:
         return group.parts[0].stated

@@ -9,20 +9,16 @@ The estimate of one of them from the residuals, without its prior but with those
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, erfc
+from scipy.special import chdtrc
 
-from ...core.files.records import Record
-from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array, perturb
 from ...core.numbers.rounding import CHAIN_ROUNDING, EPS
-from ...errors import InputError
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey, Owner
 from ...model.error_terms.keys import DRIFTS, INTRINSICS
-from ...model.error_terms.sizes import RobotAccuracy
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise
 from ...model.posterior.posterior import Posterior
@@ -36,72 +32,6 @@ from .gauss_helmert import Fit
 MIN_EXPLAINED_RATIO = 10.0
 # Factors by which the standard deviations of an error are multiplied in its test.
 SD_FACTORS = np.geomspace(1e-2, 1e3, 501)
-
-
-@dataclass(frozen=True, eq=False)
-class SharedEstimate(Record):
-    """One number that all poses share: what was assumed of it, what the data say, what it does to X.
-
-    ``estimate`` is the error of the value that was used (``used / true - 1`` for lengths, else ``used - true``).
-    """
-
-    _if_any: ClassVar[str] = "accuracy told"
-
-    key: ErrorKey
-    side: str  # "robot" or "camera"
-    unit: str  # "" for relative ones, else such as "rad" or "s"
-    prior_sd: float  # where its size was open, the one that the data settle on
-    estimate: float
-    sd: float  # after the fit
-    alone: float | None  # what the residuals say without the prior; None: nothing
-    alone_sd: float | None
-    effect: Annotated[
-        Array, 6
-    ]  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
-    share: float  # of the variance of X, in the direction where it matters most
-    default: bool = False  # assumed, not declared
-    focal_length_px: float | None = None  # of a principal point, where it is known
-    stated: str = ""  # the prior in words, where the number is in units of it
-    accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
-    told: float | None = None  # share of the prior variance that the data remove, at the estimated sizes
-
-    @property
-    def name(self) -> str:
-        """The error in words."""
-        return str(self.key)
-
-    @property
-    def resolved(self) -> float:
-        """`told`, or by the standard deviations where sizes are known."""
-        return float(np.clip(1.0 - (self.sd / self.prior_sd) ** 2, 0.0, 1.0)) if self.told is None else self.told
-
-    @property
-    def shown(self) -> tuple[float, str]:
-        """Factor and unit in which people read it."""
-        return small_unit(self.unit) if self.focal_length_px is None else (self.focal_length_px, "px")
-
-    def beyond(self, size: float) -> float:
-        """Return the probability that the error is larger than a size, whatever its sign."""
-        spread = max(self.sd, 1e-300) * np.sqrt(2.0)
-        return float(0.5 * (erfc((size - self.estimate) / spread) + erfc((size + self.estimate) / spread)))
-
-    @property
-    def p_value(self) -> float | None:
-        """p-value of the prior: the probability of an estimate at least as far from 0; None where the data say
-        nothing.
-        """
-        if self.alone is None or self.alone_sd is None:
-            return None
-        spread = float(np.hypot(self.alone_sd, self.prior_sd))
-        return float(erfc(abs(self.alone) / spread / np.sqrt(2.0)))
-
-    def _possible(self) -> SharedEstimate:
-        known = (self.alone is None) == (self.alone_sd is None) and (self.alone_sd is None or self.alone_sd > 0)
-        focal = self.focal_length_px is None or self.focal_length_px > 0
-        told = self.told is None or 0 <= self.told <= 1
-        if not (known and focal and told and self.prior_sd > 0 and self.sd >= 0 and 0 <= self.share <= 1):
-            raise InputError(f"Expected numbers of the shared error {self.name!r} that can be.")
-        return self
 
 
 class GroupTest(NamedTuple):
@@ -199,7 +129,7 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], error: Error
     return GroupTest(float(chdtrc(1, max(costs[-1] - costs[best], 0.0))), float(SD_FACTORS[best]))
 
 
-def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[SharedEstimate, ...]:
+def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[ErrorEstimate, ...]:
     """Return what the posterior says of the errors, in their order; shares are of the covariance of the fit."""
     place = posterior.place
     parts = [
@@ -218,12 +148,12 @@ def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) 
         if error.key in OF_LENGTHS:
             says = says and told > MIN_EXPLAINED_RATIO * 3 * len(fit.residual) * left * sd * sd
         found.append(
-            SharedEstimate(
-                key, error.side, error.unit, sd, value,
-                sd * float(np.sqrt(left)),
-                value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
-                effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
-                error.default, error.focal_length_px, error.stated, error.accuracy, told,
+            ErrorEstimate(
+                key, error.side, error.unit, sd, sd, sd, count=1, resolved=told, estimate=value,
+                share=float(min(np.sum((to_unit @ effect) ** 2), 1.0)), sd=sd * float(np.sqrt(left)),
+                alone=value / told if says else None, alone_sd=sd * float(np.sqrt(left / told)) if says else None,
+                effect=effect, default=error.default, focal_length_px=error.focal_length_px, stated=error.stated,
+                accuracy=error.accuracy,
             )
         )  # fmt: skip
     return tuple(found)

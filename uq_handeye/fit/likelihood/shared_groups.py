@@ -8,75 +8,36 @@ eigenvalue of ``E^T C^-1 E``. It is not the sum of the shares of the single numb
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import SOLUTION_ROUNDING
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey
-from .shared_estimates import SharedEstimate
 
 
-@dataclass(frozen=True)
-class SharedGroup:
-    """The numbers of one error; or one number by itself, whose ``key`` is its own then."""
-
-    key: ErrorKey
-    parts: tuple[SharedEstimate, ...]
-    share: float  # of the variance of X by all parts, in the direction where it matters most
-
-    @property
-    def name(self) -> str:
-        """The error in words."""
-        return str(self.key)
-
-    @property
-    def count(self) -> int:
-        """Number of the parts."""
-        return len(self.parts)
-
-    @property
-    def default(self) -> bool:
-        """Assumed, not declared."""
-        return self.parts[0].default
-
-    @property
-    def told(self) -> float:
-        """Mean share of the prior variances that the data took away: 0 nothing, 1 everything."""
-        return float(np.mean([part.resolved for part in self.parts]))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the numbers as people read them, in order."""
-        return tuple(dict.fromkeys(part.shown[1] for part in self.parts))
-
-    def of_unit(self, unit: str) -> tuple[Array, Array, Array]:
-        """Prior standard deviations, estimates and standard deviations after the fit of the numbers of a unit."""
-        parts = [part for part in self.parts if part.shown[1] == unit]
-        rows = [[part.shown[0] * x for x in (part.prior_sd, part.estimate, part.sd)] for part in parts]
-        prior, estimate, sd = np.array(rows).T
-        return prior, estimate, sd
-
-
-def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> list[SharedGroup]:
-    """Group the estimates in their order; ``covariance`` (6, 6) of X is the one that their effects were found
-    beside.
+def grouped(estimates: Iterable[ErrorEstimate], covariance: Array | None) -> list[ErrorEstimate]:
+    """Return one estimate for each error, in their order, with its numbers; ``covariance`` (6, 6) of X is the one that
+    their effects were found beside.
     """
-    groups: dict[ErrorKey, list[SharedEstimate]] = {}
+    groups: dict[ErrorKey, list[ErrorEstimate]] = {}
     for estimate in estimates:
         groups.setdefault(estimate.key.source, []).append(estimate)
-    found = []
-    for key, parts in groups.items():
-        if len(parts) == 1:
-            found.append(SharedGroup(parts[0].key, (parts[0],), parts[0].share))
-        else:
-            found.append(SharedGroup(key, tuple(parts), joint_share(parts, covariance)))
-    return found
+    return [parts[0] if len(parts) == 1 else _together(key, parts, covariance) for key, parts in groups.items()]
 
 
-def joint_share(parts: Iterable[SharedEstimate], covariance: Array | None) -> float:
+def _together(key: ErrorKey, parts: Sequence[ErrorEstimate], covariance: Array | None) -> ErrorEstimate:
+    first = parts[0]
+    return ErrorEstimate(
+        key, first.side, first.unit, max(part.size for part in parts), count=len(parts), default=first.default,
+        resolved=float(np.mean([part.resolved for part in parts])), share=joint_share(parts, covariance),
+        stated=first.stated, accuracy=first.accuracy, numbers=tuple(parts),
+    )  # fmt: skip
+
+
+def joint_share(parts: Iterable[ErrorEstimate], covariance: Array | None) -> float:
     """Return the share of all parts together in the variance of X; without its covariance the largest of the single
     shares.
     """

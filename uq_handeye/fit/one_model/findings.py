@@ -11,10 +11,11 @@ from ...core.files.json_values import Json, JsonObject
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, PIXELS
 from ...model.error_terms.sizes import SIZES
-from ...model.noise.estimate import Component, together
+from ...model.noise.estimate import together
 from .estimation import INTERVAL_SD, FoundSizes
 
 # Errors that the corners of one picture share are reported if they are surely above this many times their usual size.
@@ -26,7 +27,7 @@ MAX_NOISE_PX = 1.5
 
 
 def noise_findings(
-    parts: dict[ErrorKey, Component], sides: tuple[Owner, Owner], rotation_told: bool, sheet: frozenset[ErrorKey]
+    parts: dict[ErrorKey, ErrorEstimate], sides: tuple[Owner, Owner], rotation_told: bool, sheet: frozenset[ErrorKey]
 ) -> tuple[Finding, ...]:
     """Return what the data can and cannot tell; ``sheet`` names what the data sheet decides."""
     found = []
@@ -65,7 +66,7 @@ def noise_findings(
 FAR_OUTSIDE_SD = 3.0
 
 
-def beside_camera_findings(parts: dict[ErrorKey, Component], dof: float) -> tuple[Finding, ...]:
+def beside_camera_findings(parts: dict[ErrorKey, ErrorEstimate], dof: float) -> tuple[Finding, ...]:
     """Report the robot's noise, given the covariance of the camera poses, the noise of their pixels, and what the
     corners of one picture share.
     """
@@ -80,7 +81,7 @@ def beside_camera_findings(parts: dict[ErrorKey, Component], dof: float) -> tupl
         return ()  # what was given needs no word
     if pixels is None:
         how = camera[0].status.replace(" ", "_")
-        found = [_note(f"camera_{how}", rotation=camera[0].value, translation=camera[1].value)]
+        found = [_note(f"camera_{how}", rotation=camera[0].size, translation=camera[1].size)]
     else:
         found = [_note("camera_by_geometry", component=_values(pixels), components=_plain(camera))]
         high = float("inf") if pixels.high is None else pixels.high
@@ -93,10 +94,10 @@ def beside_camera_findings(parts: dict[ErrorKey, Component], dof: float) -> tupl
         if excess is None or excess.high is None or not 0 < excess.low < excess.high:
             continue
         sd = float(np.log(excess.high / excess.low)) / (2.0 * INTERVAL_SD)
-        p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[key].median) - np.log(excess.value)) / sd))
+        p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[key].median) - np.log(excess.size)) / sd))
         if p < UNUSUAL.probability:
             wrong = p < RARE.probability
-            values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
+            values = {"pixels": excess.size, "p_value": p, "dof": dof, "wrong": wrong}
             values |= {"shifted": True} if key == PICTURE_SHIFT else {}
             found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
     return tuple(found)
@@ -169,23 +170,23 @@ def _share(moves: Array, C: Array, number: int) -> float:
     return float(np.linalg.norm(half, 2) ** 2)
 
 
-def unusual_pixels(pixels: Component) -> Finding:
+def unusual_pixels(pixels: ErrorEstimate) -> Finding:
     """Noise that no detector has: a caution."""
     return Finding("noise_estimation.unusual_pixels", "caution", {"component": _values(pixels)})
 
 
-def _by_sheet(what: str, parts: list[Component], sides: tuple[Owner, Owner], sheet: frozenset[ErrorKey]) -> Finding:
+def _by_sheet(what: str, parts: list[ErrorEstimate], sides: tuple[Owner, Owner], sheet: frozenset[ErrorKey]) -> Finding:
     decided = all(part.key in sheet for part in parts)
     return _note("with_data_sheet", what=what, sides=sides, components=_plain(parts), decided=decided)
 
 
-def _plain(parts: Iterable[Component]) -> list[JsonObject]:
+def _plain(parts: Iterable[ErrorEstimate]) -> list[JsonObject]:
     return [_values(part) for part in parts]
 
 
-def _values(part: Component) -> JsonObject:
+def _values(part: ErrorEstimate) -> JsonObject:
     """Return what a sentence says of a standard deviation, with what it is called."""
-    return {"name": part.name, "unit": part.unit, "value": part.value, "low": part.low, "high": part.high,
+    return {"name": part.name, "unit": part.unit, "value": part.size, "low": part.low, "high": part.high,
             "status": part.status}  # fmt: skip
 
 

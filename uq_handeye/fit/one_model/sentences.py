@@ -1,6 +1,6 @@
 """Sentences of the findings about the noise of a data set.
 
-Values hold `Component` as dictionaries of its fields, in rad and m.
+Values hold `ErrorEstimate` as dictionaries of its fields, in rad and m.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ...core.formatting.numbers import digits, probability
 from ...core.numbers.levels import RARE
 from ...findings import NOISE, Values, sentence
 
-# The fields of a `Component`.
+# What they hold of an `ErrorEstimate`.
 Part = Values
 
 

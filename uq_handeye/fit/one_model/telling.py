@@ -8,15 +8,18 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...findings import Finding
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import CAMERA_EXCESS, JOINT_NOISE, PICTURE_SHIFT, PIXELS
 from ...model.error_terms.sizes import SIZES
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.camera_noise import CameraNoise
-from ...model.noise.estimate import Component, FoundComponent, NoiseEstimate, together
+from ...model.noise.estimate import NoiseEstimate, together
 from .estimation import INTERVAL_SD, KINDS, MAX_RESOLVED_SPREAD, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings
 
+# Whose poses a noise moves.
+_SIDES = {Owner.ROBOT: "robot", Owner.CAMERA: "camera", Owner.A: "robot", Owner.B: "camera"}
 UNITS = {Kind.ROTATION: "rad", Kind.TRANSLATION: "m"}
 
 
@@ -28,10 +31,10 @@ class _Spread:
     sd: float
     logs: Array  # (d,)
 
-    def component(self, key: ErrorKey, unit: str, status: str) -> Component:
+    def component(self, key: ErrorKey, unit: str, status: str) -> ErrorEstimate:
         """Build the component, with the interval of a log-normal."""
         low, high = (float(np.exp(self.mean + sign * INTERVAL_SD * self.sd)) for sign in (-1, 1))
-        return Component(key, unit, float(np.exp(self.mean)), low, high, status)
+        return ErrorEstimate(key, _side(key), unit, float(np.exp(self.mean)), low, high, status)
 
 
 def tell(found: FoundSizes) -> NoiseEstimate:
@@ -106,7 +109,7 @@ def _status(found: FoundSizes, key: ErrorKey, spread: _Spread) -> str:
     return "estimated" if spread.sd < MAX_RESOLVED_SPREAD * np.log(part.size.factor) else "not told apart"
 
 
-def _sized(found: FoundSizes) -> list[Component]:
+def _sized(found: FoundSizes) -> list[ErrorEstimate]:
     """Return the components with a size that are no noise of a side: pixels, joints, groups of an arm."""
     mixture, listed = found.mixture, []
     free = {found.source.components[k].key: j for j, k in enumerate(found.model.free.tolist())}
@@ -117,7 +120,7 @@ def _sized(found: FoundSizes) -> list[Component]:
         unit = part.size.unit or "rad"
         if part.key not in free:
             s = part.size.median
-            listed.append(Component(part.key, unit, s, s, s, "given" if part.key == PIXELS else "fixed"))
+            listed.append(ErrorEstimate(part.key, part.side, unit, s, s, s, "given" if part.key == PIXELS else "fixed"))
             continue
         j = free[part.key]
         sd = float(np.sqrt(mixture.covariance_theta[j, j]))
@@ -133,7 +136,7 @@ def _sized(found: FoundSizes) -> list[Component]:
     return listed
 
 
-def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
+def _of_model(found: FoundSizes) -> tuple[ErrorEstimate, ...]:
     """Return all components with their sizes, in rad and m, and what they do to X."""
     mixture, model, source = found.mixture, found.model, found.source
     free = {k: j for j, k in enumerate(model.free.tolist())}
@@ -148,9 +151,9 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
             units.get(part.key, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -INTERVAL_SD, INTERVAL_SD)
         )
         unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
-        determined, share = float(found.mode.state.determined[k]), float(shares[k])
+        resolved, share = float(found.mode.state.determined[k]) / max(part.count, 1), float(shares[k])
         listed.append(
-            FoundComponent(part.key, part.side, unit, size, low, high, k not in free, part.count, determined, share)
+            ErrorEstimate(part.key, part.side, unit, size, low, high, count=part.count, resolved=resolved, share=share)
         )
     return tuple(listed)
 
@@ -160,7 +163,12 @@ def _owners(found: FoundSizes) -> tuple[Owner, Owner]:
     return first, second
 
 
-def _findings(found: FoundSizes, parts: dict[ErrorKey, Component]) -> tuple[Finding, ...]:
+def _side(key: ErrorKey) -> str:
+    """Return whose poses a noise moves; of a sum of both nothing."""
+    return _SIDES.get(key.owner, "")
+
+
+def _findings(found: FoundSizes, parts: dict[ErrorKey, ErrorEstimate]) -> tuple[Finding, ...]:
     sides = _owners(found)
     if found.source.camera is not None:
         return beside_camera_findings(parts, 6.0 * len(found.kept) - found.model.p)
@@ -174,7 +182,7 @@ def _findings(found: FoundSizes, parts: dict[ErrorKey, Component]) -> tuple[Find
     return noise_findings(parts, sides, told, sheet)
 
 
-def _by_sheet(part: Component, width: float) -> bool:
+def _by_sheet(part: ErrorEstimate, width: float) -> bool:
     """Return whether the data sheet decides: the noise is as uncertain as it says (``width`` of the logarithm)."""
     if part.status == "fixed":
         return True
@@ -187,7 +195,9 @@ def _exact(found: FoundSizes) -> NoiseEstimate:
     sides = _owners(found)
     names = [what for what, is_exact in zip(KINDS, found.exact, strict=True) if is_exact]
     components = tuple(
-        Component(together(what, sides), UNITS[what], 0.0, 0.0, None, "exact" if what in names else "not estimated")
+        ErrorEstimate(
+            together(what, sides), "", UNITS[what], 0.0, 0.0, None, "exact" if what in names else "not estimated"
+        )
         for what in KINDS
     )
     findings = (Finding("noise_estimation.exact", "note", {"parts": names}),)

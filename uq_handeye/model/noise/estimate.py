@@ -18,13 +18,11 @@ from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding
+from ..error_terms.estimate import ErrorEstimate
 from ..error_terms.key import ErrorKey, Kind, Owner
 from ..error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise, is_joint
-
-# Units of components, and the factor to those that people read.
-SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
 # Noise of one side that is drawn at each pose.
 SIDES = (Owner.ROBOT, Owner.CAMERA, Owner.A, Owner.B)
@@ -93,85 +91,12 @@ class NoisePrior:
 
 
 @dataclass(frozen=True)
-class Component:
-    """A standard deviation per axis, with its 95 % interval.
-
-    ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
-    data sheet); "population" (of the errors of an arm: at least that of arms of its kind); "fixed" (given); "not told
-    apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors; ``high`` is
-    then not determined: None); "from corners", "from points", "by geometry" (of the camera poses, from their own
-    covariance: root of the mean variance); "given" (the pixel noise of it).
-    """
-
-    key: ErrorKey
-    unit: str  # "rad", "m" or "px"
-    value: float
-    low: float
-    high: float | None
-    status: str
-
-    def __post_init__(self) -> None:
-        if self.unit not in SHOWN:
-            raise InputError(
-                f"Expected the unit of a noise component to be one of {', '.join(SHOWN)}, got {self.unit!r}."
-            )
-
-    @property
-    def name(self) -> str:
-        """The error in words."""
-        return str(self.key)
-
-    @property
-    def is_given(self) -> bool:
-        """True if it has no interval: it was not estimated."""
-        return self.status in ("fixed", "exact", "given", "from corners", "from points", "by geometry")
-
-    @property
-    def shown_status(self) -> str:
-        """Status as people read it."""
-        return "not identifiable" if self.status == "not told apart" else self.status
-
-    def __str__(self) -> str:
-        scale, unit = SHOWN[self.unit]
-        if self.is_given:
-            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.shown_status})"
-        high = "?" if self.high is None else f"{self.high * scale:.3g}"
-        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.shown_status})"
-
-
-@dataclass(frozen=True)
 class CameraFactor:
     """Factor on the covariance of the camera poses that the residuals indicate: 1 if it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
     dof: float  # kappa times dof is chi-square with dof degrees of freedom, if the covariance is valid
     p_value: float  # two-sided
-
-
-@dataclass(frozen=True)
-class FoundComponent:
-    """One error of the joint model: its size with the 95 % interval, and what it does to X.
-
-    ``size``: the standard deviation that was found, per unit of its columns; ``low``, ``high``: where it is known, the
-    same. ``determined``: how many of its ``count`` numbers the data determine. ``share``: of the variance of X, in the
-    direction where it matters most.
-    """
-
-    key: ErrorKey
-    side: str  # "robot" or "camera"
-    unit: str  # "" where relative, or mixed
-    size: float
-    low: float
-    high: float
-    known: bool
-    count: int  # 0 for noise that is independent at each pose
-    determined: float
-    share: float
-
-    @property
-    def name(self) -> str:
-        """The error in words."""
-        return str(self.key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +115,7 @@ class NoiseEstimate(Record):
     _if_any: ClassVar[str] = "camera_factor shape keys of_model"
 
     noise: PoseNoise | PairNoise | None  # None: exact data
-    components: tuple[Component, ...]
+    components: tuple[ErrorEstimate, ...]
     findings: tuple[Finding, ...]  # what the data can and cannot tell
     variances: Annotated[Array, "m"]  # (3,), with a camera covariance (1,) to (3,)
     covariance: Annotated[Array, "m", "m"]  # (m, m)
@@ -198,7 +123,7 @@ class NoiseEstimate(Record):
     camera_factor: CameraFactor | None = None  # of a given camera covariance, where the data determine it
     shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
     keys: tuple[ErrorKey, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
-    of_model: tuple[FoundComponent, ...] = ()  # all errors of the joint model
+    of_model: tuple[ErrorEstimate, ...] = ()  # all errors of the joint model
 
     @property
     def statement(self) -> tuple[str, ...]:
@@ -240,9 +165,7 @@ class NoiseEstimate(Record):
             if component.status in ("fixed", "prior")
         ):  # assumed of an arm, with a camera whose noise is that of the residuals
             return False
-        if any(
-            component.key in (CAMERA_EXCESS, PICTURE_SHIFT) and component.value > 0 for component in self.components
-        ):
+        if any(component.key in (CAMERA_EXCESS, PICTURE_SHIFT) and component.size > 0 for component in self.components):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 
@@ -251,7 +174,7 @@ class NoiseEstimate(Record):
         """True if the covariance of a side is joint: it has a row for each pose."""
         return self.noise is not None and any(S is not None and is_joint(S) for S in self.noise.sides.values())
 
-    def __getitem__(self, of: str | ErrorKey) -> Component:
+    def __getitem__(self, of: str | ErrorKey) -> ErrorEstimate:
         for component in self.components:
             if of in (component.key, component.name):
                 return component

@@ -88,7 +88,7 @@ def _information_of_errors(old: Calibration, new: Calibration, same: frozenset[s
 def _errors_of(result: Calibration) -> tuple[tuple[ErrorKey, ...], Array]:
     """Keys (q,) of the errors of the posterior, and the standard deviations that they had beforehand."""
     assert result.posterior is not None
-    prior = {error.key: error.prior_sd for error in result.shared}
+    prior = {error.key: error.size for error in result.shared}
     keys = result.posterior.keys
     return keys, np.array([prior.get(key, 1.0) for key in keys])
 

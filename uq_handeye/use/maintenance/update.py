@@ -41,6 +41,7 @@ from ...core.geometry.se3 import perturb
 from ...core.numbers.levels import UNUSUAL
 from ...errors import InputError, require_type
 from ...findings import Finding
+from ...model.error_terms.estimate import resolved_share
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
@@ -261,7 +262,12 @@ def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, opti
     sd = np.sqrt(np.maximum(np.diag(posterior.covariance)[12:], 0.0))
     place = before.place
     shared = tuple(
-        replace(error, estimate=float(posterior.estimate[k]), sd=float(sd[k]), told=None)
+        replace(
+            error,
+            estimate=float(posterior.estimate[k]),
+            sd=float(sd[k]),
+            resolved=resolved_share(float(sd[k]), error.size),
+        )
         if (k := place.get(error.key)) is not None
         else error
         for error in result.shared

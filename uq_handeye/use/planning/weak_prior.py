@@ -25,8 +25,8 @@ from ...errors import DegenerateMotionError
 from ...findings import GROSS_EXCESS
 from ...fit.likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ...fit.likelihood.gauss_helmert import efficient
-from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.likelihood.starts import start_open
+from ...model.error_terms.estimate import ErrorEstimate
 from ...model.noise.models import PoseNoise, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, gram, whiten
@@ -53,7 +53,7 @@ class WeaklyKnown:
     kinematics: None = None
     opened: None = None
     method: str = ""
-    shared: tuple[SharedEstimate, ...] = ()
+    shared: tuple[ErrorEstimate, ...] = ()
 
     @property
     def setup(self) -> str:
