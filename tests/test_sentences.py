@@ -39,6 +39,7 @@ NAMED = {
     "numbers_moved": [{"name": "cx", "before": 640.0, "after": 640.5, "std": 0.1, "sigma": 5.0}],
     "contradicted": [{"name": "cx", "given": 640.0, "wanted": 640.5, "std": 0.1, "sigma": 5.0}],
     "far_points": [{"pose": 3, "point": "A", "distance": 2e-3}],
+    "pairs": [[5, 6]],
     "views": [{"kind": "convention", "name": "ros", "spread": 0.1, "off": 0.1, "length": 0.1, "given": 0.5}],
     "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],
     "reading": {"kind": "scale", "factor": 1e-3, "file": "camera", "unit": "mm"},

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fixtures.pictures import simulated_rig
+from fixtures.rigs import quietly
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 from support import SEED, moved, random_transforms, transforms
@@ -237,3 +238,17 @@ def test_what_is_known_of_the_poses_stays_known():
     np.testing.assert_array_equal(again.truth.camera, poses.truth.camera[1:7])
     np.testing.assert_array_equal(again.truth.robot, poses.truth.robot[1:7])
     assert again.sources == late.sources and again.timing is not None and again.camera_calibration is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_exchanged_rows_are_named_and_the_exchange_mends_them(setup):
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    good = uq.simulate(20, setup=setup, noise=noise, seed=SEED)
+    order = np.arange(20)
+    order[[5, 6, 2, 11]] = 6, 5, 11, 2
+    found = [one for one in quietly(good.rows(np.arange(20), order)).findings if one.severity != "note"]
+    (exchanged,) = (one for one in found if one.code == "input_checks.exchanged_rows")
+    assert sorted(map(sorted, exchanged.values["pairs"])) == [[2, 11], [5, 6]]
+    assert "exchange rows" in exchanged.remedy
+    assert not any(one.code == "input_checks.exchanged_rows" for one in quietly(good).findings)

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import SEED
 
+import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.read import read_poses, read_stream, write_pose_file
 
@@ -148,3 +150,14 @@ def test_a_stream_says_that_it_does_not_carry_the_setup(tmp_path, caplog):
         stream = read_stream(tmp_path / "both.json", "robot")
     assert any("eye-to-hand" in note and "--setup" in note for note in stream.source.notes)
     assert "it says eye-to-hand" in caplog.text
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_the_row_without_a_partner_is_named(tmp_path, timed):
+    poses = uq.simulate(14, seed=SEED)
+    times = 2.0 * np.arange(14) + 0.3 if timed else np.arange(14.0)
+    kept = np.delete(np.arange(14), 9)
+    for name, T, t in (("robot", poses.robot[kept], times[kept] + 0.002), ("camera", poses.camera, times)):
+        write_pose_file(tmp_path / f"{name}.csv", T, t if timed else np.arange(len(T)))
+    with pytest.raises(uq.InputError, match=r"Of the camera, row 9 \(line 11.*\) has no partner"):
+        uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv")

@@ -21,7 +21,7 @@ from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
 from ..fit.input_checks.pose_ambiguity import flipped_rows
 from ..fit.input_checks.residuals import check_fit
 from ..fit.input_checks.rotations import check_rotations
-from ..fit.input_checks.shifted_rows import find_shift, shifted_run
+from ..fit.input_checks.shifted_rows import exchanged_rows, find_shift, shifted_run
 from ..fit.likelihood.constraint import Unknowns
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.robust import robust_fit
@@ -174,6 +174,8 @@ def misplaced_rows(
         return [shift.finding]
     if at is None or rejected is None:
         return []
+    if (exchanged := exchanged_rows(poses, at, rejected)) is not None:
+        return [exchanged]
     run = shifted_run(poses, at, rejected)
     return [] if run is None else [run]
 

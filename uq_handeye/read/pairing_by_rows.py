@@ -9,9 +9,20 @@ import numpy as np
 
 from ..core.files.open import shown
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_LISTED, MIN_POSES_TO_DECIDE
 from ..errors import InputError, InputWarning
 from ..formats.contents import Side
+from ..formats.rotations import RotationForm, rotation_form
+from ..model.poses.residuals import rotation_angles
 from .pairing_by_time import SYNCHRONOUS_S
+
+# Rows belong together by time if they differ by less than this share of the interval between rows.
+NEAR_SHARE = 0.3
+# Entries of a table of time differences that is worth making.
+MAX_TABLE = 10_000_000
+# Differences of angles count up to this (rad), and a row is the one that lacks a partner if the next best fits worse by
+# the inverse of this ratio.
+LARGE_RAD, CLEAR_RATIO = np.radians(10.0), 0.5
 
 
 def check_rows(robot: Side, camera: Side, by_request: bool) -> tuple[str, ...]:
@@ -23,18 +34,8 @@ def check_rows(robot: Side, camera: Side, by_request: bool) -> tuple[str, ...]:
     """
     if not by_request:
         _check_numbers(robot, camera)
-    n, m = len(robot), len(camera)
-    timed = robot.timestamps is not None and camera.timestamps is not None
-    if n != m:
-        by_time = (
-            'pair them by their timestamps (pair="time", --pair time); for streams whose clocks differ or of a rig '
-            "that moves, use --pair async"
-        )
-        raise InputError(
-            f"{robot.name} has {n} poses and {camera.name} has {m}: expected one row in each file per moment. "
-            "Leave out poses that the other file lacks, or "
-            f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
-        )
+    require_as_many(robot, camera)
+    n = len(robot)
     if robot.timestamps is None or camera.timestamps is None:
         return ()
     ours, theirs = robot.timestamps, camera.timestamps
@@ -65,6 +66,84 @@ def check_rows(robot: Side, camera: Side, by_request: bool) -> tuple[str, ...]:
         stacklevel=4,
     )
     return ()
+
+
+def require_as_many(robot: Side, camera: Side) -> None:
+    """Raise `InputError` for different numbers of rows, with the rows that lack a partner where they can be told."""
+    n, m = len(robot), len(camera)
+    if n == m:
+        return
+    timed = robot.timestamps is not None and camera.timestamps is not None
+    by_time = (
+        'pair them by their timestamps (pair="time", --pair time); for streams whose clocks differ or of a rig '
+        "that moves, use --pair async"
+    )
+    raise InputError(
+        f"{robot.name} has {n} poses and {camera.name} has {m}: expected one row in each file per moment."
+        f"{_without_partner(robot, camera)} Leave out poses that the other file lacks, or "
+        f"{by_time if timed else 'add timestamps and use --pair time or --pair async'}."
+    )
+
+
+def _without_partner(robot: Side, camera: Side) -> str:
+    """Return a sentence that names the rows of the longer side which the other lacks, or nothing."""
+    longer, other = (robot, camera) if len(robot) > len(camera) else (camera, robot)
+    rows = _by_time(longer, other)
+    if rows is None:
+        rows = _by_angles(longer, other)
+    if not rows:
+        return ""
+    role = "robot" if longer is robot else "camera"
+    named = []
+    for row in rows[:MAX_LISTED]:
+        at = longer.at(row).removeprefix(f"{longer.name}, ")
+        time = "" if longer.timestamps is None else f", t = {longer.timestamps[row]:.10g}"
+        named.append(f"row {row} ({at}{time})")
+    more = f" and {len(rows) - MAX_LISTED} more" if len(rows) > MAX_LISTED else ""
+    has = "has" if len(rows) == 1 else "have"
+    return f" Of the {role}, {', '.join(named)}{more} {has} no partner."
+
+
+def _by_time(longer: Side, other: Side) -> list[int] | None:
+    """Return the rows of one side that are nobody's nearest in time, if the others are near; None: cannot be told."""
+    if longer.timestamps is None or other.timestamps is None or len(other) < 3:
+        return None
+    times, theirs = longer.timestamps, other.timestamps
+    if _numbered(times) or _numbered(theirs):
+        return None
+    nearest = np.abs(times[:, None] - theirs[None]).argmin(axis=0) if len(times) * len(theirs) < MAX_TABLE else None
+    if nearest is None:
+        return None
+    interval = float(np.median(np.abs(np.diff(times))))
+    if np.abs(times[nearest] - theirs).max() > NEAR_SHARE * interval or len(set(nearest.tolist())) < len(theirs):
+        return None
+    return sorted(set(range(len(times))) - set(nearest.tolist()))
+
+
+def _by_angles(longer: Side, other: Side) -> list[int] | None:
+    """Return the one row of a side without which both rotate by the same angles from row to row; None: none does."""
+    if len(longer) != len(other) + 1 or len(other) < MIN_POSES_TO_DECIDE:
+        return None
+    try:
+        R, S = (_form_of(side).decode(side.rotation) for side in (longer, other))
+    except InputError:
+        return None
+    theirs = rotation_angles(S[:-1].mT @ S[1:])
+    costs = []
+    for k in range(len(R)):
+        T = np.delete(R, k, axis=0)
+        costs.append(float(np.mean(np.minimum(np.abs(rotation_angles(T[:-1].mT @ T[1:]) - theirs), LARGE_RAD))))
+    order = np.argsort(costs)
+    clear = costs[order[0]] < CLEAR_RATIO * costs[order[1]] and costs[order[0]] < 0.2 * LARGE_RAD
+    return [int(order[0])] if clear else None
+
+
+def _form_of(side: Side) -> RotationForm:
+    """Return the form of rotations that leave no doubt; raises `InputError` for others."""
+    k = 9 if side.rotation.ndim == 3 else side.rotation.shape[1]
+    if len(side.readings) > 1 or (not side.readings and k == 3):
+        raise InputError("Several readings.")
+    return rotation_form(side.readings[0].rotation if side.readings else {9: "matrix", 4: side.order}[k])
 
 
 def _check_numbers(robot: Side, camera: Side) -> None:

@@ -30,7 +30,7 @@ from ..model.poses.stream import Stream
 from .camera_covariance import camera_covariance
 from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
-from .pairing_by_rows import check_rows, warn_if_swapped
+from .pairing_by_rows import check_rows, require_as_many, warn_if_swapped
 from .pairing_by_time import match_times
 from .readings import chosen_readings, reading_of_robot
 
@@ -251,6 +251,8 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
         sources = _noted(sources, len(sources) - 1, paths[1], [note])
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
     match = match_times(sides[0], sides[1], request.tolerance) if request.pair == "time" else None
+    if match is None:
+        require_as_many(sides[0], sides[1])
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
     chosen = chosen_readings(sides, units, forms, frames, rows, setup)
     for k, note in enumerate(chosen.notes):

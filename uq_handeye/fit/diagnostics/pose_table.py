@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
+from scipy.special import chdtri
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import column
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
 # Rows that a table in a report has at most; the file of poses has all.
 MAX_TABLE_ROWS = 100
+# Share of good data sets in which a pose may be named as an outlier.
+SET_LEVEL = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,11 +115,19 @@ class PoseTable(Record, Shown):
                 for k in rows[:5]
             ]
             values = {"item": self.item, "flag": flag, "n": len(self.counted), "count": len(rows), "limit": self.limit}
-            found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
+            # one of many good poses is beyond the limit of one pose in many data sets
+            of_chance = flag == "downweighted" and self.distance2[rows[0]] < self.limit * self._of_set
+            severity: Severity = "note" if of_chance else "caution"
+            found.append(Finding("diagnostics.flagged", severity, values | {"worst": worst}))
         if self.scale > 1:
-            severity: Severity = "failure" if self.scale > GROSS_EXCESS else "caution"
+            severity = "failure" if self.scale > GROSS_EXCESS else "caution"
             found.append(Finding("diagnostics.noise_too_small", severity, {"scale": self.scale}))
         return found
+
+    @property
+    def _of_set(self) -> float:
+        """Factor of the limit of one pose (one good pose in 1000) to that of all poses: one good data set in 100."""
+        return float(chdtri(6, SET_LEVEL / max(10, len(self.counted))) / chdtri(6, 1e-3))
 
     @property
     def limit_of_all(self) -> float:

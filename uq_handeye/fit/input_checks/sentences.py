@@ -566,6 +566,25 @@ def _(file: str, order: Sequence[int], name: str | None = None) -> str:
     )
 
 
+def _exchanged(pairs: Sequence[Sequence[int]]) -> str:
+    return "; ".join(f"{i} and {j}" for i, j in pairs)
+
+
+@sentence(
+    "input_checks.exchanged_rows",
+    explained=True,
+    phrase=lambda v: f"rows {_exchanged(v['pairs'])} are exchanged",
+    effect=1.5,
+    remedy=lambda v: f"exchange rows {_exchanged(v['pairs'])} in one of the files",
+    rows=("pairs",),
+)
+def _(pairs: Sequence[Sequence[int]]) -> str:
+    return (
+        f"Rows {_exchanged(pairs)} are exchanged in one of the files: each fits the camera pose of the other, and not "
+        "its own (rows counted from 0). They are left out; exchange them, and they count."
+    )
+
+
 @sentence(
     "input_checks.shifted_run",
     explained=True,

@@ -49,6 +49,8 @@ CHANGE_COST = 3.0
 UNPAIRED_COST = 0.5
 # Differences of angles count in full from this multiple of their typical size on.
 MAX_DIFFERENCE_RATIO = 6.0
+# Wrong rows among which exchanged ones are looked for, at most.
+MAX_EXCHANGED = 40
 # Rows below which a stretch, or a whole file, proves nothing. Once there is a fit, half of them do.
 MIN_STRETCH_ROWS = 6
 # The median residuals of the rows that moved must fall to this share of what they were.
@@ -175,6 +177,28 @@ def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_], ratio:
                 }
                 return Finding("input_checks.shifted_run", "caution", values)
     return None
+
+
+def exchanged_rows(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_], ratio: float = 4.0) -> Finding | None:
+    """Return a finding if wrong rows fit, two by two, with the camera poses of each other.
+
+    ``at`` is what the other poses agree on. Rows fit if their residuals stay below ``ratio`` times the median.
+    """
+    rows = np.flatnonzero(wrong)
+    if not 2 <= len(rows) <= MAX_EXCHANGED or wrong.all():
+        return None
+    inverted = poses.setup == "eye-to-hand"
+    typical = np.median(misfit(OnPoses(poses.robot[~wrong], poses.camera[~wrong], inverted), at), axis=0)
+    limit = ratio**2 * typical + SAME_NUMBER**2
+    i, j = np.triu_indices(len(rows), 1)
+    fits = [
+        (misfit(OnPoses(poses.robot[rows[a]], poses.camera[rows[b]], inverted), at) < limit).all(axis=-1)
+        for a, b in ((i, j), (j, i))
+    ]
+    pairs = [(int(rows[a]), int(rows[b])) for a, b in zip(i[fits[0] & fits[1]], j[fits[0] & fits[1]], strict=True)]
+    if not pairs or len({row for pair in pairs for row in pair}) < 2 * len(pairs):
+        return None
+    return Finding("input_checks.exchanged_rows", "caution", {"pairs": [list(pair) for pair in pairs]})
 
 
 def _angle_cost(poses: PosePairs, shifts: NDArray[np.intp]) -> Array:
