@@ -22,7 +22,7 @@ from ...core.numbers.limits import MAX_LISTED
 from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning, require_type
 from .charuco import charuco_finder
-from .chessboard import chessboard_finder
+from .chessboard import chessboard_finder, in_small, shown_size
 from .corner_refinement import Seen
 from .corners import Corners
 from .description import SQUARES, TAGS, Board
@@ -88,6 +88,10 @@ def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: boo
     return corners
 
 
+# Pictures without a board after which another size of it is looked for.
+PROBED_PICTURES = 2
+
+
 def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) -> Corners:
     """Find corners as `detect_board` does, without a warning about half turns: for callers who resolve them."""
     require_type("board", board, Board, "a Board")
@@ -98,7 +102,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
         for row, path in enumerate(paths):
-            look = _look(path, board)
+            hopeless = board.kind == "chessboard" and row >= PROBED_PICTURES and not found
+            look = _look(path, board, small_first=hopeless)
             sizes.setdefault(look.size, names[row])
             if len(sizes) > 1:
                 (one, some), (other, odd) = sizes.items()
@@ -109,6 +114,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             if look.seen is not None:
                 found[row] = look.seen
             tags += look.tags
+            if row + 1 == PROBED_PICTURES and not found and board.kind == "chessboard":
+                _require_size(board, paths[: row + 1])
             more(1)
     ids = [each.tolist() for each, _ in tags]
     if board.single:
@@ -147,6 +154,18 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     return corners
 
 
+def _require_size(board: Board, paths: Sequence[Path]) -> None:
+    """Raise `InputError` where the pictures show a chessboard with other numbers of corners."""
+    shown_board = shown_size(map(_picture, paths))
+    if shown_board is None or shown_board == (max(board.columns, board.rows), min(board.columns, board.rows)):
+        return
+    columns, rows = shown_board
+    raise InputError(
+        f"No {board} was found in the first {len(paths)} pictures: the pictures show {columns} x {rows} corners inside "
+        f"the board. Give --board {columns}x{rows}."
+    )
+
+
 class _Look(NamedTuple):
     """Detection in a picture."""
 
@@ -155,13 +174,18 @@ class _Look(NamedTuple):
     tags: list[Tags]
 
 
-def _look(path: Path, board: Board) -> _Look:
-    """Look for the board in a picture, or return what was found in one of the same content before."""
+def _look(path: Path, board: Board, small_first: bool = False) -> _Look:
+    """Look for the board in a picture, or return what was found in one of the same content before.
+
+    ``small_first``: not in the whole picture unless a small copy shows the board.
+    """
     data = _content(path)
     key = (sha256(data).digest(), board)
     look = _LOOKS.pop(key, None)
     if look is None:
         picture, tags = _decoded(data, path), list[Tags]()
+        if small_first and not in_small(picture, board):
+            return _Look((picture.shape[1], picture.shape[0]), None, tags)
         seen = (tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
         look = _Look((picture.shape[1], picture.shape[0]), seen, tags)
     _LOOKS[key] = look

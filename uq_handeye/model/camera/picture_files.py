@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 import threading
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -23,6 +24,10 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 # Detectors fail in smaller pictures.
 MIN_PICTURE_SIDE_PX = 32
 _DESCRIPTOR_2 = threading.Lock()
+
+
+# Pictures of more pixels are refused.
+MAX_PICTURE_PIXELS = 100_000_000
 
 
 def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
@@ -86,9 +91,29 @@ def _content(path: Path) -> bytes:
         return file.read()
 
 
+def _stated_size(content: bytes) -> tuple[int, int]:
+    """Return width and height as the beginning of a PNG or BMP states them; (0, 0) of other files."""
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= 24:
+        width, height = struct.unpack(">II", content[16:24])
+        return width, height
+    if content[:2] == b"BM" and len(content) >= 26:
+        width, height = struct.unpack("<ii", content[18:26])
+        return abs(width), abs(height)
+    return 0, 0
+
+
+def _require_pixels(size: tuple[int, int], path: Path) -> None:
+    if size[0] * size[1] > MAX_PICTURE_PIXELS:
+        raise InputError(
+            f"{shown(path)}: the picture has {size[0]} x {size[1]} pixels; at most {MAX_PICTURE_PIXELS // 1_000_000} "
+            "megapixels are read."
+        )
+
+
 def _decoded(content: bytes, path: Path) -> Picture:
     cv2, data = opencv(), np.frombuffer(content, dtype=np.uint8)
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    _require_pixels(_stated_size(content), path)
     try:
         with _unheard():
             picture = cv2.imdecode(data, flags) if data.size else None
@@ -101,6 +126,7 @@ def _decoded(content: bytes, path: Path) -> Picture:
         raise InputError(
             f"{shown(path)}: expected a picture of at least {MIN_PICTURE_SIDE_PX} pixels a side, got {size}."
         )
+    _require_pixels((picture.shape[1], picture.shape[0]), path)
     if picture.dtype != np.uint8:
         picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     return np.asarray(picture)
