@@ -12,7 +12,7 @@ from support import moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import DECLARE, _about_largest
-from uq_handeye.calibration.statement.accuracy import Part
+from uq_handeye.calibration.statement.contribution import Contribution
 from uq_handeye.model.error_terms.keys import CLOCK_OFFSET, FOCAL_LENGTH, PRINCIPAL_POINT, ROBOT_SCALE, TARGET_SCALE
 from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
 from uq_handeye.read import write_pose_file
@@ -111,7 +111,7 @@ def test_what_is_to_be_declared_is_better_than_what_is_assumed(key):
     """Declared as assumed, an error would leave X as it is; the option takes the value as it stands."""
     option, value = DECLARE[key]
     result = SimpleNamespace(n_poses=100, shared=[SimpleNamespace(key=key, default=True)])
-    step = _about_largest(result, SimpleNamespace(parts=[Part(key, 1.0, 1.0)]))
+    step = _about_largest(result, SimpleNamespace(parts=[Contribution((key,), 1.0, 1.0)]))
     assert f"{option} {value}" in step and "measure" in step
     make = {
         FOCAL_LENGTH: uq.SharedError.focal_length,

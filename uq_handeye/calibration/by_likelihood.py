@@ -40,8 +40,8 @@ from ..fit.likelihood.shared_estimates import (
 )
 from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import ROUGH_GAIN, FoundSizes, JointModel
+from ..fit.one_model.noise_report import noise_estimate_of
 from ..fit.one_model.points import OpenSizes, with_open_sizes
-from ..fit.one_model.telling import tell
 from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.error_terms.key import ErrorKey, Kind
@@ -149,7 +149,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         noise = None if found.noise is None else with_prior(found.noise, known)
     if noise is None:  # the data fit exactly: there are no weights, and all estimates agree
         assert found is not None
-        estimate = tell(found)
+        estimate = noise_estimate_of(found)
         if robust is not None:  # once wrong ones are left out
             kept = replace(start, X=robust.fit.X, W=robust.fit.W)
             result, findings = estimate_unweighted(job, kept, estimate)
@@ -316,7 +316,7 @@ def _assembled(
     found: FoundSizes | None,
     robust: RobustFit | None,
 ) -> tuple[Calibration, list[Finding]]:
-    estimate = None if found is None else tell(found)
+    estimate = None if found is None else noise_estimate_of(found)
     deviations = None if found is None or job.arm is None else found.of_arm
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)

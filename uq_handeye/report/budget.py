@@ -19,6 +19,7 @@ from ..calibration.report.budget import WITHIN_95, freedom, shorten_budget, show
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import budget_of_model
 from ..calibration.statement.checks import shared_groups, sizes_of
+from ..calibration.statement.contribution import Contribution, Input
 from ..core.formatting.numbers import digits, fixed
 from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ..core.geometry.pose_numbers import rotation_vector
@@ -29,7 +30,6 @@ from ..core.presentation.document import Cell, Table
 from ..fit.diagnostics.budget import PRIORS, Budget, Expanded, Source
 from ..model.error_terms.estimate import SHOWN, ErrorEstimate
 from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.key_text import text_of_source
 from ..model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
 from ..model.noise.estimate import SIDES, NoiseEstimate
 from ..model.noise.joint_covariance import JointCovariance
@@ -71,45 +71,12 @@ class Stated:
     U: float
 
 
-@dataclass(frozen=True)
-class Input:
-    """One input of a budget: its standard uncertainty in words, its distribution, and where both come from."""
-
-    uncertainty: str
-    distribution: str
-    origin: str
-
-
-@dataclass(frozen=True)
-class BudgetRow:
-    """One source: its input, and its contribution to X along the directions in which X is least certain."""
-
-    source: Source
-    type: str  # "A", "B" or "A, B"
-    input: Input
-    translation: float  # m
-    rotation: float  # rad
-    dof: float
-    share_translation: float
-    share_rotation: float
-
-    @property
-    def name(self) -> str:
-        """The source in words."""
-        return text_of_source(map(str, self.source))
-
-    @property
-    def is_rest(self) -> bool:
-        """True if it is the smallest sources as one."""
-        return self.source[0].kind == Kind.OTHERS
-
-
 def budget_of(result: Calibration) -> Budget | None:
     """Return the budget whose sum is the covariance of the result; None where there is none."""
     return shown_budget(result) if result.covariance_kind == "model" else None
 
 
-def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow, ...]:
+def budget_rows(result: Calibration, most: int | None = None) -> tuple[Contribution, ...]:
     """Return one row per source; beyond ``most`` the smallest are one row.
 
     Where the covariance is not divided by source, as with a published method, the row is the whole of it.
@@ -122,21 +89,21 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
     move, turn = (np.sqrt(np.maximum(along[name], 0.0)) for name in ("X translation", "X rotation"))
     shares = [np.square(sizes) / max(float(np.square(sizes).sum()), TINY) for sizes in (move, turn)]
     return tuple(
-        BudgetRow(
+        Contribution(
             source,
-            budget.types[k],
-            Input("", "", "") if source[0].kind == Kind.OTHERS else input_of(source, result),
             float(move[k]),
             float(turn[k]),
-            float(budget.dof[k]),
-            float(shares[0][k]),
-            float(shares[1][k]),
+            type=budget.types[k],
+            input=Input() if source[0].kind == Kind.OTHERS else input_of(source, result),
+            dof=float(budget.dof[k]),
+            share_translation=float(shares[0][k]),
+            share_rotation=float(shares[1][k]),
         )
         for k, source in enumerate(budget.keys)
     )
 
 
-def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
+def _undivided(result: Calibration) -> tuple[Contribution, ...]:
     """Return the covariance as one row, which no budget divides by source."""
     accuracy, dof = result.accuracy, result.reference.dof
     if accuracy is None:
@@ -146,7 +113,7 @@ def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
     found = Input("covariance", NORMAL, result.facts.source)
     free = float("inf") if dof is None else float(dof)
     source = (ErrorKey(Owner.ALL, Kind.COVARIANCE),)
-    return (BudgetRow(source, kind, found, accuracy.translation, accuracy.rotation, free, 1.0, 1.0),)
+    return (Contribution(source, accuracy.translation, accuracy.rotation, "", kind, found, free, 1.0, 1.0),)
 
 
 def components_of(result: Calibration) -> tuple[Stated, ...]:
@@ -319,7 +286,7 @@ def gum_table(result: Calibration, most: int | None = None) -> Table:
 
     Beyond ``most`` the smallest sources are one row.
     """
-    found = sorted(budget_rows(result, most), key=lambda row: row.is_rest)
+    found = sorted(budget_rows(result, most), key=lambda row: row.key.kind == Kind.OTHERS)
     rows: list[list[Cell]] = [_source(row) for row in found]
     move, turn, _ = worst_of(result)
     rows.append([])
@@ -340,7 +307,7 @@ def gum_table(result: Calibration, most: int | None = None) -> Table:
     return Table(caption, head, rows, frozenset({1, 2, 3}))
 
 
-def _source(row: BudgetRow) -> list[Cell]:
+def _source(row: Contribution) -> list[Cell]:
     words = ", ".join(text for text in (row.input.distribution, row.input.origin) if text)
     sizes = [
         fixed(factor * size, 2) if factor * size >= 1e-6 else "0"

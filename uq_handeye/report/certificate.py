@@ -15,6 +15,7 @@ import numpy as np
 
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import NOT_USABLE
+from ..calibration.statement.contribution import Contribution
 from ..calibration.statement.tolerance import Tolerance, ToleranceLike, Verdict
 from ..core.files.about import as_about
 from ..core.files.json_values import JsonObject
@@ -22,7 +23,7 @@ from ..core.files.records import plain
 from ..core.geometry.conventions import CONVENTION
 from ..errors import InputError
 from ..rig.result import RigCalibration
-from .budget import LEVEL, BudgetRow, Stated, budget_rows, components_of, worst_of
+from .budget import LEVEL, Stated, budget_rows, components_of, worst_of
 from .certificate_form import Form
 from .certificate_sheets import sheets_of
 from .decision import Decision, decide, verdicts_of_rig
@@ -239,7 +240,7 @@ def _root(sizes: Sequence[float]) -> float:
     return float(np.sqrt(np.square(sizes).sum()))
 
 
-def _source(row: BudgetRow) -> JsonObject:
+def _source(row: Contribution) -> JsonObject:
     return {
         "name": row.name,
         "type": row.type,

@@ -30,7 +30,6 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...fit.diagnostics.budget import Budget, Source
 from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.key_text import part_text
 from ...model.error_terms.keys import (
     FOCAL_LENGTH,
     LENS,
@@ -43,6 +42,7 @@ from ...model.error_terms.keys import (
 from ..estimate.error_of_X import radius_95
 from ..estimate.estimated import Estimated, distance_of
 from .checks import Checked, included, lower_limit_of, not_included
+from .contribution import Contribution
 from .tolerance import ToleranceLike, Verdict, verdict_of
 
 # A number is known by its prior where the data leave more than this share of the prior variance.
@@ -54,23 +54,6 @@ SIZE_MARGIN = 1e-3
 # Kinds of a budget that are noise of each pose, of one side.
 _NOISE = (Kind.ROTATION, Kind.TRANSLATION, Kind.COUPLING, Kind.BOTH, Kind.EACH_POSE)
 NOISE_OF_POSES = ErrorKey(Owner.ALL, Kind.POSES)
-
-
-@dataclass(frozen=True)
-class Part(Record):
-    """The standard uncertainty that one kind of error gives X, in the directions in which X is least certain."""
-
-    _in_file: ClassVar[str] = "name key translation rotation"
-
-    key: ErrorKey
-    translation: float  # m
-    rotation: float  # rad
-    stated: str = ""  # with its size, where it is one of the errors that are included
-
-    @property
-    def name(self) -> str:
-        """The kind of error in words."""
-        return part_text(self.key.owner, self.key.kind, str(self.key))
 
 
 @dataclass(frozen=True)
@@ -103,7 +86,7 @@ class Accuracy(Record):
     point_95: float
     distance: float
     distance_known: bool
-    parts: tuple[Part, ...]
+    parts: tuple[Contribution, ...]
     included: tuple[str, ...]
     not_included: tuple[str, ...]
     lower_limit: bool  # the errors that are not included are known to matter
@@ -174,7 +157,7 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     return FromPoses(_steady(float(alone[0])), _steady(float(alone[1])), tuple(named))
 
 
-def parts_of(budget: Budget, stated: Sequence[tuple[ErrorKey | None, str]] = ()) -> tuple[Part, ...]:
+def parts_of(budget: Budget, stated: Sequence[tuple[ErrorKey | None, str]] = ()) -> tuple[Contribution, ...]:
     """Return the sources of a budget as few parts, largest first: noise, shared errors, correlated errors.
 
     ``stated``: errors that are included, with their size in words.
@@ -188,10 +171,10 @@ def parts_of(budget: Budget, stated: Sequence[tuple[ErrorKey | None, str]] = ())
     order = sorted(squares, key=lambda key: -float((squares[key] / scale).max()))
     words = dict(stated)
     sizes = {key: [_steady(size) for size in np.sqrt(square).tolist()] for key, square in squares.items()}
-    return tuple(Part(key, sizes[key][0], sizes[key][1], words.get(key, "")) for key in order)
+    return tuple(Contribution((key,), sizes[key][0], sizes[key][1], words.get(key, "")) for key in order)
 
 
-def combined_parts(parts: Sequence[Part], most: int, sized: bool = False) -> list[tuple[str, float, float]]:
+def combined_parts(parts: Sequence[Contribution], most: int, sized: bool = False) -> list[tuple[str, float, float]]:
     """Return name, translation (m) and rotation (rad) of at most ``most`` parts; ``sized``: with those of errors.
 
     The smallest parts are combined in one, with their names or their number.

@@ -19,7 +19,7 @@ from ...model.shared_errors.shared_error import SharedError, checked_errors
 from ..likelihood.constraint import OnPoses, constraint_of
 from ..likelihood.starts import sound_start, start_of
 from .estimation import JointModel
-from .telling import tell
+from .noise_report import noise_estimate_of
 
 
 def estimate_noise(
@@ -90,8 +90,10 @@ def estimate_noise(
     errors = () if poses is None else checked_errors(shared, poses)
     model = JointModel.beside(constraint, poses, prior, camera, robot, errors)
     if start is None:
-        return tell(model.find(sound_start(data, constraint, None), weights))
-    return tell(model.find(start_of(data, constraint, as_transforms(start, "start", stack=False)), weights))
+        return noise_estimate_of(model.find(sound_start(data, constraint, None), weights))
+    return noise_estimate_of(
+        model.find(start_of(data, constraint, as_transforms(start, "start", stack=False)), weights)
+    )
 
 
 def estimate_robot_noise(
@@ -131,4 +133,4 @@ def estimate_robot_noise(
     if not isinstance(constraint, OnPoses) or constraint.first.ndim != 3:
         raise InputError("Expected `data` to be one set of PosePairs, got motions or several sets.")
     model = JointModel.beside(constraint, data, prior, camera, None, ())
-    return tell(model.find(start_of(data, constraint, start)))
+    return noise_estimate_of(model.find(start_of(data, constraint, start)))

@@ -37,8 +37,8 @@ class _Spread:
         return ErrorEstimate(key, _side(key), unit, float(np.exp(self.mean)), low, high, status)
 
 
-def tell(found: FoundSizes) -> NoiseEstimate:
-    """Describe the noise of `FoundSizes`."""
+def noise_estimate_of(found: FoundSizes) -> NoiseEstimate:
+    """Return the estimate of the noise with the sizes that were found."""
     source = found.source
     if found.exact.any():
         return _exact(found)
