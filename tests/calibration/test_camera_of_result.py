@@ -57,3 +57,39 @@ def test_half_a_pixel_given_as_exact_is_found_with_the_robot():
     (finding,) = [one for one in result.findings if one.code == "camera.given_contradicted"]
     assert finding.severity == "caution" and finding.values["explanations"][0] == "half a pixel"
     assert corrected_camera(result).intrinsics == pytest.approx(given)
+
+
+@pytest.mark.slow
+def test_pictures_upside_down_are_named():
+    corners, robot, _ = recorded(np.random.default_rng(3), pixel=0.1, parameters=np.array(TRUTH), points=board())
+    turned = [2, 7, 11]
+    pixels = corners.pixels.copy()
+    of = np.isin(corners.row, turned)
+    pixels[of] = np.array(SIZE) - 1.0 - pixels[of]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        seen = calibrate_camera(uq.Corners(corners.row, corners.points, pixels), SIZE, "pinhole", shape="flat")
+        result = uq.calibrate(uq.PosePairs(robot[seen.rows], seen.poses, camera_calibration=seen))
+    (finding,) = [one for one in result.findings if one.code == "input_checks.turned_pictures"]
+    assert finding.values["rows"] == turned and "are upside down" in str(finding)
+
+
+@pytest.mark.slow
+def test_mirrored_pictures_are_named():
+    corners, robot, _ = recorded(np.random.default_rng(4), pixel=0.1, parameters=np.array(TRUTH), points=board())
+    pixels = corners.pixels.copy()
+    pixels[:, 0] = SIZE[0] - 1.0 - pixels[:, 0]
+    # A detector orders the corners of a mirrored board from the other side.
+    points = corners.points * [-1.0, 1.0, 1.0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        seen = calibrate_camera(uq.Corners(corners.row, points, pixels), SIZE, "pinhole", shape="flat")
+        result = uq.calibrate(uq.PosePairs(robot[seen.rows], seen.poses, camera_calibration=seen))
+    assert not result.usable and "the pictures seem to be mirrored" in result.headline
+
+
+@pytest.mark.slow
+def test_a_camera_of_wrong_intrinsics_makes_x_not_usable():
+    given = dict(zip(("fx", "fy", "cx", "cy"), TRUTH, strict=True)) | {"cy": 520.0}
+    result, _ = calibrated(1, intrinsics=given)
+    assert not result.usable and "given intrinsics do not fit: cy off by 50" in result.headline

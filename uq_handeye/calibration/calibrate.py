@@ -51,6 +51,7 @@ from .findings import (
     reasons,
     require_determined,
     shifted,
+    turned_pictures,
     why_failed,
 )
 from .job import Job, job_of
@@ -240,7 +241,7 @@ def _answer(
     findings += [*of_rotations(job, result.table), *more]  # an outlier says nothing of the rows that X is of
     if result.opened is not None:  # its finding includes that of parallel axes
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
-    if flips := flipped_poses(job, result):  # which are why angles disagree
+    if flips := [*flipped_poses(job, result), *turned_pictures(job, result)]:  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
     findings += other_convention(job, result)
     findings = without_consequences([*findings, *shifted(job, result), *flips])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.conventions import CovarianceReading
+from ..core.geometry.se3 import inverse, logarithm
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding, without_consequences
@@ -68,6 +69,8 @@ def _advice(method: str, motions: Motions) -> str:
     return "Add motions that rotate about other axes."
 
 
+# Angle by which a picture that is turned by 180 or by 90 degrees may be off that.
+MAX_OFF_TURN_RAD = np.radians(3.0)
 # Finding of a camera whose given intrinsics its pictures contradict.
 GIVEN = "camera.given_contradicted"
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
@@ -221,6 +224,24 @@ def flipped_poses(job: Job, result: Calibration) -> list[Finding]:
     views = None if job.camera_noise is None else job.camera_noise.views
     rows = flipped_rows(poses, Unknowns(result.X, result.W), table.weight > 0.9, table.flagged, views)
     return [Finding("input_checks.flipped_poses", "caution", {"rows": rows})] if rows else []
+
+
+def turned_pictures(job: Job, result: Calibration) -> list[Finding]:
+    """Return findings if outliers fit once their pictures are turned about the optical axis, by 180 or 90 degrees."""
+    table, poses = result.table, job.poses
+    if poses is None or table is None or table.item != "pose" or result.W is None or poses.camera_calibration is None:
+        return []
+    flagged = np.asarray(table.flagged, dtype=int)
+    expected = inverse(poses.effective_robot[flagged] @ result.X) @ result.W
+    turn = logarithm(expected[:, :3, :3] @ poses.camera[flagged, :3, :3].mT)
+    found = []
+    for angle in (np.pi, 0.5 * np.pi):
+        about_axis = np.sign(turn[:, 2:]) * angle * np.array([0.0, 0.0, 1.0])
+        rows = flagged[np.linalg.norm(turn - about_axis, axis=1) < MAX_OFF_TURN_RAD]
+        if len(rows):
+            values = {"rows": rows.tolist(), "angle": float(angle)}
+            found.append(Finding("input_checks.turned_pictures", "caution", values))
+    return found
 
 
 def said_open(opened: OpenDirections | None, setup: str | None) -> list[Finding]:

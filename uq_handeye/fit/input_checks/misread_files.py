@@ -44,6 +44,8 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
     ]
     twins = {}
     for reading, robot, camera in rotation_readings(poses.robot, C):
+        if reading["kind"] == "mirrored" and poses.camera_calibration is not None:
+            reading = reading | {"pictures": True}
         candidates.append((reading, robot if poses.setup == "eye-in-hand" else inverse(robot), camera))
     fitting: list[tuple[float, Reading]] = []
     largest = MAX_MISFIT_SHARE * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))

@@ -54,6 +54,11 @@ def in_words(reading: ReadingValues) -> Words:
         return _of_axes(reading)
     if kind in FRAMES:
         short, text, option, remedy = _of_frame(reading)
+    elif kind == "mirrored" and reading.get("pictures"):
+        short = "the pictures seem to be mirrored"
+        text = "the pictures are mirror images, as of a preview or by a mirror in the path, or the robot is left-handed"
+        option = "flip them left to right (cx becomes width - 1 - cx)"
+        remedy = "flip the pictures left to right, and calibrate the camera again"
     elif kind == "mirrored":
         short = "the camera's or the robot's frame seems to be left-handed"
         text = "the frame of the camera, or that of the robot, is left-handed"

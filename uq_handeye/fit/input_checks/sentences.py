@@ -611,6 +611,25 @@ def _(count: int, n: int, changed: int, undecided: Sequence[str]) -> str:
     return text + "."
 
 
+@sentence(
+    "input_checks.turned_pictures",
+    explained=True,
+    check=OUTLIERS,
+    phrase=lambda v: f"{len(v['rows'])} pictures turned by {digits(math.degrees(v['angle']), 2)} deg",
+    remedy="turn these pictures back, and run again",
+    rows=("rows",),
+)
+def _(rows: Sequence[int], angle: float) -> str:
+    one, numbers = len(rows) == 1, ", ".join(map(str, rows))
+    how = "upside down" if angle > 3.0 else "turned by 90 deg"
+    which = f"The picture of pose {numbers}" if one else f"The pictures of poses {numbers}"
+    return (
+        f"{which} (counted from 0) {'is' if one else 'are'} {how}: turned about the optical axis "
+        f"{'it fits' if one else 'they fit'}. Turn {'it' if one else 'them'} back, or exclude {'it' if one else 'them'} "
+        f"(--exclude {','.join(map(str, rows))})."
+    )
+
+
 sentence(
     "input_checks.flipped_poses",
     "{rows:?Pose|Poses} {rows} (counted from 0) {rows:?fits|fit} if the target is flipped: a small flat target has two "

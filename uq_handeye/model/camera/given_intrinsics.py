@@ -338,7 +338,13 @@ def _candidates(
     for chosen in ([0], [1], [0, 1]):
         some = [centre[j] for j in chosen if j < len(centre)]
         changes = {name: side - 1 - k[name] for name, side in some}
-        found.append((f"the offset of {' and '.join(changes)} from the middle has the other sign", changes))
+        words = f"the offset of {' and '.join(changes)} from the middle has the other sign"
+        found.append((words, changes))
+        if len(some) == len(centre) == 2:
+            turned = changes | {name: -k[name] for name in ("p1", "p2") if name in k}
+            found.append((f"the pictures are upside down, or {words}", turned))
+        elif chosen == [0] and k.get("p2"):
+            found.append((f"the pictures are mirrored, or {words}", changes | {"p2": -k["p2"]}))
     linear = [name for name in LINEAR if name in k]
     for ratio in RESOLUTIONS:
         plain = {name: ratio * k[name] for name in linear}

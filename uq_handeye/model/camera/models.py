@@ -169,14 +169,14 @@ def _by_angle(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
 
 
 def _brown_full(coefficients: Array, x: Array, y: Array, z: Array) -> Distorted:
-    at, by_coefficients, by_point = _brown(coefficients[:8], x, y, z)
+    at, by_coefficients, by_brown = _brown(coefficients[:8], x, y, z)
     s1, s2, s3, s4 = coefficients[8:12].tolist()
     a, b = x / z, y / z
     s = a * a + b * b
     of_s = s1 + 2.0 * s2 * s, s3 + 2.0 * s4 * s
     at = at[0] + s * (s1 + s2 * s), at[1] + s * (s3 + s4 * s)
     by_s = 2.0 * a / z, 2.0 * b / z, -2.0 * s / z
-    by_point = tuple((part[0] + of_s[0] * by, part[1] + of_s[1] * by) for part, by in zip(by_point, by_s, strict=True))
+    by_point = [(part[0] + of_s[0] * by, part[1] + of_s[1] * by) for part, by in zip(by_brown, by_s, strict=True)]
     none = np.zeros_like(s)
     columns = (*by_coefficients, (s, none), (s * s, none), (none, s), (none, s * s))
     # The tilted sensor: a homography of the plane.
