@@ -625,7 +625,7 @@ def _(rows: Sequence[int], angle: float) -> str:
     which = f"The picture of pose {numbers}" if one else f"The pictures of poses {numbers}"
     return (
         f"{which} (counted from 0) {'is' if one else 'are'} {how}: turned about the optical axis "
-        f"{'it fits' if one else 'they fit'}. Turn {'it' if one else 'them'} back, or exclude {'it' if one else 'them'} "
+        f"{'it fits' if one else 'they fit'}. Turn back what is turned, or leave it out "
         f"(--exclude {','.join(map(str, rows))})."
     )
 

@@ -211,7 +211,8 @@ def _lensboy(tree: JsonObject, name: str) -> Found:
 
 def _rust_models(tree: JsonObject, name: str) -> Found:
     """camera-intrinsic-calibration: the model is the key, its numbers the value."""
-    ((called, of),) = tree.items()
+    ((called, numbers),) = tree.items()
+    of = fields_of(numbers)
     names = {"OpenCVModel5": ("brown", "k1 k2 p1 p2 k3"), "KannalaBrandt4": ("fisheye", "k1 k2 k3 k4")}
     if called not in names:
         raise InputError(

@@ -53,7 +53,7 @@ def _linear(corners: Corners, flat: Array, image_size: tuple[int, int]) -> Array
     return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
 
 
-def poses_of(corners: Corners, normalised: Array, keep: Array | None = None) -> Array:
+def poses_of(corners: Corners, normalised: Array, keep: NDArray[np.bool_] | None = None) -> Array:
     """camera_T_target (n, 4, 4) of every picture from normalised coordinates (m, 2) without distortion."""
     cv2 = opencv()
     poses = np.zeros((corners.n, 4, 4))
