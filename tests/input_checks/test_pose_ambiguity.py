@@ -105,6 +105,18 @@ def test_flipped_poses_of_another_program_are_named(with_views):
 
 
 @pytest.mark.slow
+def test_a_pose_at_the_camera_stays_as_it_is():
+    poses = np.stack([np.eye(4)] * 2)
+    poses[1, :3, 3] = (0.1, 0.0, 1.0)
+    assert np.allclose(np.linalg.det(flipped(poses, np.zeros(3))[:, :3, :3]), 1.0)
+    good = uq.simulate(20, noise=uq.PoseNoise.isotropic(robot=("0.03deg", "0.2mm"), camera=("0.1deg", "1mm")), seed=2)
+    camera = good.camera.copy()
+    camera[[0, 7]] = np.eye(4)  # the first row of odometry, a detection that was lost
+    with pytest.warns(uq.InputWarning, match="rejected"):
+        result = uq.calibrate(uq.PosePairs(good.robot, camera, good.setup))
+    assert {0, 7} <= set(result.table.rejected)
+
+
 def test_outliers_that_are_not_flipped_are_not_named():
     truth, poses = seen_tag(6, side=0.2, noise=0.05)
     camera = poses.camera.copy()

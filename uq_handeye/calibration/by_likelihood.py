@@ -30,6 +30,7 @@ from ..fit.likelihood.gauss_helmert import (
     open_at,
 )
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
+from ..fit.likelihood.own_residuals import walks
 from ..fit.likelihood.robust import RobustFit, fit_robustly
 from ..fit.likelihood.shared_estimates import (
     estimates_of,
@@ -42,11 +43,12 @@ from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import ROUGH_GAIN, FoundSizes, JointModel
 from ..fit.one_model.noise_report import noise_estimate_of
 from ..fit.one_model.points import OpenSizes, with_open_sizes
-from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
+from ..fit.one_model.weights import TAIL_SLACK, cost_of, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.error_terms.key import ErrorKey, Kind
 from ..model.error_terms.keys import (
     BY_VIEW,
+    CAMERA_SCALE,
     CLOCK_OFFSET,
     FOCAL_LENGTH,
     JOINT_NOISE,
@@ -69,6 +71,7 @@ from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.in_noise import shared_columns, with_shared, without_shared
 from ..model.shared_errors.shared_error import WRONG_SIZE
+from ..model.shared_errors.walk import assumed_walk
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
 from .camera_of_result import given_by_robot, moved_intrinsics
 from .closed_forms import closed_forms
@@ -87,6 +90,9 @@ from .result import Calibration
 MAX_SECOND_ORDER_SD = 0.05
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
+# A random walk of the camera poses is taken where its evidence is larger by this; its sizes are found by so many poses.
+MIN_LOG_EVIDENCE_OF_WALK = 5.0
+POSES_OF_WALK = 100
 # An arm counts as a calibrated one where the logarithm of the evidence is larger by this, odds of 20 to 1.
 MIN_ACCURATE_GAIN = 3.0
 # Errors whose columns at other poses follow from the poses that they were bound to.
@@ -163,12 +169,36 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     if source is not None:
         assert found is not None
         found, noise, fit, robust = settle(source, noise, fit, robust, found, job.method, _at_corrected)
+        walking = _walking(job, source, found, fit, robust)
+        if walking is not None:
+            found, noise, fit, robust = walking
         job = replace(job, shared=found.errors)
     elif job.columns:
         noise = _columns_at_corrected(job, noise, fit)
         fit = fitted_again(constraint, noise, fit, job.method)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, fourdpa, found, robust)
+
+
+def _walking(
+    job: Job, source: JointModel, found: FoundSizes, fit: Fit, robust: RobustFit | None
+) -> tuple[FoundSizes, Noise, Fit, RobustFit | None] | None:
+    """Return the fit with a random walk of the camera poses, where neighbouring residuals ask for one; else None."""
+    poses, request = job.poses, job.request
+    asked = request.correlation == "auto" and request.covariance == "model" and job.given is None
+    if not asked or poses is None or poses.truth is not None or found.exact.any() or not walks(fit, poses):
+        return None
+    scale = any(error.key == CAMERA_SCALE for error in job.shared)
+    walked = replace(source, errors=(*job.shared, *assumed_walk(poses, scale)), most_used=POSES_OF_WALK)
+    try:
+        again, sizes = weigh(walked, fit.unknowns, job.method, request.seed, _slack(job)[0])
+        assert sizes is not None and again.noise is not None
+        answer = settle(walked, again.noise, again.fit, again, sizes, job.method, _at_corrected)
+    except (InputError, NotConvergedError):
+        return None
+    n = poses.n
+    gain = cost_of(fit, found, n) - cost_of(answer[2], answer[0], n)
+    return answer if gain > MIN_LOG_EVIDENCE_OF_WALK else None
 
 
 def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, JointModel]:
@@ -429,7 +459,8 @@ def _of_fit(
         own = None
     size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.key == TARGET_SCALE), 1.0)
     sure = wrong_size is None or wrong_size > 1 - DOUBTFUL.probability
-    looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True)
+    any_scale = any(error.key == CAMERA_SCALE for error in job.shared)
+    looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True, any_scale=any_scale)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in looked):
         looked += misread(poses, fit.X)
     if job.pose_prior is None and fit.open is None and not any(one.code in PLACED for one in looked):

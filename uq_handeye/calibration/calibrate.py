@@ -28,7 +28,10 @@ from ..errors import (
 from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.likelihood.scale_start import start_scale
+from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.error_terms.sizes import Size
+from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
 from ..model.poses.pose_pairs import PosePairs, pairs_of
@@ -229,6 +232,52 @@ def _answer(
     """
     if isinstance(data, PosePairs) and without_positions(data):
         return _by_rotation(request, data, selection, said)
+    if request.opens_scale:
+        return _with_open_scale(request, data, selection, said)
+    result, findings = _found(request, data, selection, said)
+    warn(findings, 3)
+    return result
+
+
+def _with_open_scale(
+    request: Request, data: PosePairs | Motions, selection: Selection | None, said: Sequence[Finding]
+) -> Calibration:
+    """Return X of camera poses of unknown scale: one more unknown, about which the poses are scaled again."""
+    if not isinstance(data, PosePairs) or data.known_camera is not None or request.noise is not None:
+        raise InputError(
+            "An unknown scale of the camera needs camera poses of another program and estimated noise: motions, "
+            "corners of a board and given noise have a scale. Leave out camera_scale (--camera-scale), or the noise."
+        )
+    if request.taken_method not in ESTIMATORS:
+        raise InputError(f"Method {request.taken_method!r} takes no unknown scale; use efficient or ml.")
+    factor = start_scale(data.effective_robot, data.camera, request.seed)
+    if factor is None:
+        raise InputError(
+            "The poses do not determine the scale of the camera. Its lengths must change with those of the robot: "
+            "rotate about two axes and move, in 6 poses or more; and check camera_frame (--camera-frame) and setup."
+        )
+    opened = request.with_scale(data.intrinsics_covered)
+    for _ in range(MAX_SCALINGS):
+        camera = data.camera.copy()
+        camera[:, :3, 3] *= factor
+        scaled = replace(data, camera=camera)
+        result, findings = _found(opened, scaled, selection, said)
+        (error,) = [one for one in result.shared_at_sizes if one.key == CAMERA_SCALE]
+        # the poses used are (1 + e) times as large as true ones
+        if abs(error.estimate) < max(0.1 * error.sd, SCALE_ROUNDING):
+            break
+        factor /= 1.0 + error.estimate
+    scale = CameraScale(factor, factor * error.sd)
+    finding = Finding("calibration.camera_scale", "note", {"factor": scale.factor, "std": scale.std})
+    findings = [*findings, finding]
+    warn(findings, 4)
+    return replace(result, camera_scale=scale, findings=tuple(findings))
+
+
+def _found(
+    request: Request, data: PosePairs | Motions, selection: Selection | None, said: Sequence[Finding]
+) -> tuple[Calibration, list[Finding]]:
+    """Return the result and its findings, before they are given as warnings."""
     job = job_of(request, data)
     findings = [*said, *of_files(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
@@ -256,8 +305,11 @@ def _answer(
         error.findings = tuple(why_failed(findings))
         warn(error.findings or findings, 3)
         raise
-    warn(findings, 3)
-    return result
+    return result, findings
+
+
+# Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
+MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
 
 
 def _split(job: Job, findings: Sequence[Finding], selection: Selection | None) -> SplitFit | None:

@@ -27,6 +27,7 @@ from ..fit.likelihood.constraint import Unknowns
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.robust import robust_fit
 from ..methods.propagation.published_fit import fit_published
+from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
@@ -150,7 +151,8 @@ def reasons(job: Job) -> list[Finding]:
         if job.poses is not None:
             known = _known_noise(job)
             own = known if isinstance(known, PoseNoise) else None
-            found = check_fit(job.poses, X, None, np.zeros((6, 6)), own)
+            any_scale = any(error.key == CAMERA_SCALE for error in job.shared)
+            found = check_fit(job.poses, X, None, np.zeros((6, 6)), own, any_scale=any_scale)
     return found + other_convention(job, None) + shifted(job, None)
 
 

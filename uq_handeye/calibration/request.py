@@ -15,6 +15,7 @@ from ..errors import InputError, require_integer, require_one_of, require_type
 from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.error_terms.keys import CAMERA_SCALE, TARGET_SCALE
 from ..model.error_terms.sizes import SizeLike, checked_sizes
 from ..model.error_terms.term import ErrorTerm
 from ..model.kinematics.chain import Kinematics
@@ -22,10 +23,12 @@ from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.estimate import NoisePrior
 from ..model.noise.models import Noise, PairNoise, is_joint, require_count
+from ..model.poses.camera_scale import UNKNOWN
 from ..model.poses.motions import relative_motions
 from ..model.poses.pose_numbers import Selection
 from ..model.poses.pose_pairs import PosePairs, as_joint_values
-from ..model.shared_errors.shared_error import SharedError, listed_errors
+from ..model.shared_errors.assumed import replace_defaults
+from ..model.shared_errors.shared_error import WIDE_SCALE_SD, SharedError, listed_errors
 
 # Covariances of the result: of the noise, and of the residuals.
 COVARIANCES = ("model", *OF_RESIDUALS)
@@ -86,6 +89,10 @@ class Request:
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model") contains it
         (`shared_errors.assumed`). With `noise` given it is only tested; ``bundle`` takes the poses as independent.
+    camera_scale : "unknown" or None
+        ``unknown``: the camera poses have a scale of their own, as of visual SLAM or structure from motion. It is one
+        more unknown with a flat prior: ``result.camera_scale``. A target scale declared with a standard deviation of
+        10 % or more is the same.
     joints : (n, L) or None
         Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
         ``data.joints``.
@@ -116,6 +123,7 @@ class Request:
     seed: int = 0
     shared: Sequence[SharedError] | None = None
     correlation: str = "auto"
+    camera_scale: str | None = None
     joints: ArrayLike | None = None
     kinematics: Kinematics | None = None
     kinematic_errors: KinematicErrors | None = None
@@ -138,6 +146,8 @@ class Request:
             raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
         require_one_of("covariance", self.covariance, COVARIANCES)
         require_one_of("correlation", self.correlation, CORRELATIONS)
+        if self.camera_scale is not None:
+            require_one_of("camera_scale", self.camera_scale, (UNKNOWN,))
         require_integer("seed", self.seed, 0)
         require_type("prior", self.prior, (NoisePrior, NoneType), "a NoisePrior or None")
         require_type("kinematics", self.kinematics, (Kinematics, NoneType), "Kinematics")
@@ -163,6 +173,22 @@ class Request:
     def by_likelihood(self) -> bool:
         """True if the method is at the Cramer-Rao bound, no published one."""
         return self.taken_method in (*ESTIMATORS, BUNDLE)
+
+    @property
+    def opens_scale(self) -> bool:
+        """True if nothing is known of the scale of the camera poses."""
+        declared = [error.sd[0] for error in self.shared or () if error.key == TARGET_SCALE and not error.default]
+        return self.camera_scale is not None or any(sd >= WIDE_SCALE_SD for sd in declared)
+
+    def with_scale(self, intrinsics_known: bool) -> Request:
+        """Return the request with the scale of the camera poses as a shared error with a flat prior."""
+        given, none = self.shared, self.shared is not None and not self.shared
+        known = {TARGET_SCALE, CAMERA_SCALE}
+        errors = [error for error in given or () if error.key not in known]
+        errors.append(SharedError.camera_scale())
+        taken = replace_defaults(errors, intrinsics_known, not none)
+        shared = [error.switched_off() if error.key == TARGET_SCALE else error for error in taken]
+        return replace(self, camera_scale=None, shared=shared)
 
     def rows(self, data: PosePairs, selection: Selection) -> Request:
         """Return the request for the poses of ``data`` that count."""

@@ -102,6 +102,8 @@ class Calibration(Statement):
         Residual, distance, leverage, weight and flag of each pose, also of the excluded ones.
     time_offset : TimeOffset or None
         Of interpolated poses: the offset and its share of the covariance.
+    camera_scale : CameraScale or None
+        Of camera poses of unknown scale: metres per unit, and its standard deviation. `data` has them in metres.
     shared : tuple of ErrorEstimate
         Errors that all poses share: assumed standard deviation, estimate and standard deviation after the fit, share
         of the variance of X.
@@ -371,12 +373,12 @@ class Calibration(Statement):
             index=pd.Index([one.name for one in numbers], name=self.frame),
         )
 
-    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split"
+    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split camera_scale"
     _in_file: ClassVar[str] = (
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
-        "time_offset shared agreement open=opened kinematics posterior residuals headline usable answered accuracy "
-        "checks data=_data_in_file excluded split findings warnings"
+        "time_offset camera_scale shared agreement open=opened kinematics posterior residuals headline usable answered "
+        "accuracy checks data=_data_in_file excluded split findings warnings"
     )
 
     def to_dict(self) -> dict[str, Any]:

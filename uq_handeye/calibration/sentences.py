@@ -350,6 +350,14 @@ def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
     )
 
 
+@sentence("calibration.camera_scale")
+def _(factor: float, std: float) -> str:
+    return (
+        f"The camera poses have a scale of their own: 1 m is {concise(1.0 / factor, std / factor**2)} of their units. "
+        f"Multiply their lengths by {digits(factor, 4)} to have them in m."
+    )
+
+
 @sentence("calibration.excluded")
 def _(excluded: Sequence[int], fit: Sequence[int] | None, limit: float | None, n: int) -> str:
     one = len(excluded) == 1

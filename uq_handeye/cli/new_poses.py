@@ -194,6 +194,8 @@ class Estimation:
       --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
       --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
         the covariance) or none (independent poses).
+      --camera-scale NAME <unknown>: Scale of the camera poses: unknown for visual SLAM and structure from motion, whose
+        lengths have no unit. Default: metres.
       --seed N: Seed of random subsets, bootstrap and cross-check.
     """
 
@@ -205,6 +207,7 @@ class Estimation:
     covariance: str = "model"
     robust: bool | None = None
     correlation: str = "auto"
+    camera_scale: str | None = None
     seed: int = 0
 
     def options(self) -> dict[str, Any]:
@@ -213,11 +216,13 @@ class Estimation:
             raise InputError(
                 f"--kind is that of the noise propagation. Name the kind of the board as --pattern {self.kind}."
             )
+        scale = None if self.camera_scale is None else one_of(self.camera_scale, "--camera-scale", ("unknown",))
         found = {name: getattr(self, name) for name in ("pairs", "scale", "kind", "robust", "seed")}
         return found | {
             "method": None if self.method is None else one_of(self.method, "--method", METHODS),
             "covariance": one_of(self.covariance, "--covariance", COVARIANCE_NAMES),
             "correlation": one_of(self.correlation, "--correlation", ("auto", "none")),
+            "camera_scale": scale,
             "sizes": _sizes_of(split_sizes(self.size)[1]),
         }
 

@@ -22,6 +22,7 @@ from ...fit.one_model.points import OpenSizes
 from ...model.error_terms.estimate import ErrorEstimate
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.models import Noise
+from ...model.poses.camera_scale import CameraScale
 from ...model.poses.estimated_pose import EstimatedPose
 from ...model.poses.motions import Motions
 from ...model.poses.pose_data import sha256_of
@@ -110,6 +111,7 @@ class Errors(Record):
     noise: Noise | None = None
     noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    camera_scale: CameraScale | None = None  # of camera poses that have none of their own
     shared_at_sizes: tuple[ErrorEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
     joint_posterior: Posterior | OpenSizes | None = None  # what `posterior` is made of

@@ -14,6 +14,7 @@ from ...core.presentation.document import (
     Heading,
     Paragraph,
 )
+from ...model.error_terms.keys import ROBOT_ACCURACY
 from ...model.kinematics.arms.known_arms import about_flange
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
 from ...model.kinematics.sentences import frame_size
@@ -55,11 +56,11 @@ def arm_sentences(result: Calibration) -> list[str]:
 def frame_words(result: Calibration) -> str:
     """State in one sentence which flange (or base) X belongs to, and frames of the controller that were found.
 
-    Empty where the calibration has no kinematics.
+    Where the calibration has no kinematics: the scale of the camera poses, if it was not known; else empty.
     """
     fitted = result.kinematics
     if fitted is None:
-        return ""
+        return " ".join(str(found) for found in result.findings if found.code == "calibration.camera_scale")
     frame = result.frame.split("_T_")[0]
     which = "machined" if fitted.flange == PHYSICAL and fitted.how != EXACT else "reported"
     text = f"X is in the {which} {frame} frame"
@@ -76,6 +77,20 @@ def frame_words(result: Calibration) -> str:
     if found.get("kinematics.joint_3", {}).get("coupled"):
         text += " Joint 3 is read as FANUC's pendant shows it."
     return text
+
+
+def reported_words(result: Calibration) -> str:
+    """State which flange (or base) X belongs to where errors of an arm are assumed or declared without its kinematics.
+
+    Empty where they are not.
+    """
+    if result.kinematics is not None or all(error.key.error != ROBOT_ACCURACY for error in result.shared):
+        return ""
+    frame = result.frame.split("_T_")[0]
+    return (
+        f"X belongs to the {frame} as the controller reports it, as it fits the whole workspace best. The machined "
+        f"{frame} is off by the errors of the arm: do not compare X with drawings of the mount."
+    )
 
 
 def told_words(fitted: FittedKinematics) -> str:

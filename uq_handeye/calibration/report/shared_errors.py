@@ -21,6 +21,7 @@ from ...model.error_terms.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
 from ...model.shared_errors.shared_error import WRONG_SIZE
 from ..result import Calibration
 from ..statement.checks import included, shared_groups, sizes_of
+from .arm import reported_words
 
 CAPTION = (
     "Errors that all poses share: standard deviation assumed, estimate with its standard deviation in brackets after "
@@ -60,8 +61,7 @@ def shared_blocks(result: Calibration) -> list[Block]:
     notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
     if look_alike(result):
         notes.append("Target scale and robot scale have the same effect on the residuals and cannot be separated.")
-    if text := offset_sentence(result):
-        notes.append(text)
+    notes += [text for text in (offset_sentence(result), reported_words(result)) if text]
     return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
 
 

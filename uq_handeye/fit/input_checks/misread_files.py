@@ -27,13 +27,13 @@ SIMILAR_FIT_RATIO = 4.0
 INVERSE = ("inverse robot", "inverse camera")
 
 
-def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]:
+def other_readings(poses: PosePairs, turn: float, shift: float, any_scale: bool = False) -> list[Reading]:
     """Return the inversions, orders, transpositions or units that make W constant in rotation *and* translation.
 
     If ``G X C = W`` is constant, so is ``inv(G) W inv(C) = X``: inverting one of the two lists breaks the fit,
     inverting the other as well restores it with the roles of X and W exchanged. So inversions come in twos
     (`_inversions`). Of all others two are named at most. Where no single reading fits, an inversion together with
-    another unit is tried, which the inversion then has as its ``scale``.
+    another unit is tried, which the inversion then has as its ``scale``; with ``any_scale`` any factor.
     """
     G, C = poses.effective_robot, poses.camera
     other = OTHER_SETUP[poses.setup]
@@ -75,7 +75,8 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[Reading]
     return [
         reading | {"scale": factor}
         for reading, robot, camera in candidates[: len(INVERSE)]
-        if (factor := scaled_reading(robot, camera, shift, poses.sources)) is not None and factor["unit"] is not None
+        if (factor := scaled_reading(robot, camera, shift, poses.sources)) is not None
+        and (any_scale or factor["unit"] is not None)
     ]
 
 

@@ -47,6 +47,7 @@ def check_fit(
     size: float = 1.0,
     sure: bool = True,
     judged: bool = False,
+    any_scale: bool = False,
 ) -> list[Finding]:
     """Check the residuals of poses against their noise and each other; where they are large, look for other readings.
 
@@ -58,6 +59,8 @@ def check_fit(
 
     ``judged``: the fit has judged each pose, by all that it knows of the errors (`robust`). Single poses are then its
     to name, unless all of them together fit badly.
+
+    ``any_scale``: the camera poses have a scale of their own, which X is estimated with.
 
     ``own`` is noise that was estimated in units of a covariance of each pose: it explains the residuals as a whole, and
     says how they differ.
@@ -93,7 +96,7 @@ def check_fit(
         each = _explained(constraint, X, own, covariance)[1]
     outliers = _outliers("pose", angle, distance, travel + reach, each) if most_fit else []
     if misfit and not outliers:
-        readings = other_readings(poses, turn, shift)
+        readings = other_readings(poses, turn, shift, any_scale)
         if (axes := misread_axes(poses)) is not None:
             readings = [axes, *(one for one in readings if one["kind"] != "scale")]
         values = {"rotation": turn, "translation": shift, "readings": readings}
@@ -104,7 +107,7 @@ def check_fit(
             return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(LARGE_TRANSLATION_SHARE / 10 * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
     typical = median(distance) if outliers else shift
-    scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
+    scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows and not any_scale else None
     if scaled is not None and (sure or not scaled.get("target")):
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
     outliers = [] if judged and not misfit else outliers

@@ -155,7 +155,7 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
         index = index[(index[:, 1:] > index[:, :-1]).all(axis=1)][:N_SUBSETS]
     subsets = constraint.rows(_canonical_order(constraint)[index])
     A, B = subsets.motions()
-    usable = _determined(A, B)
+    usable = determined(A, B)
     if not usable.any():
         i, j = (np.zeros(n - 1, dtype=np.intp), np.arange(1, n))
         every = constraint.rows(np.stack([i, j], axis=1)) if constraint.item == "pose" else constraint
@@ -171,7 +171,7 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
     return chosen.complete(solve_limit(A[usable], B[usable]))
 
 
-def _determined(A: Array, B: Array) -> NDArray[np.bool_]:
+def determined(A: Array, B: Array) -> NDArray[np.bool_]:
     """Return whether the motions (T, m, 4, 4) of each subset rotate about two axes.
 
     The smallest eigenvalue of M of 4DPA (T2, rad^2) must be above `MIN_RESOLVED_SHARE` of the largest one, or of that

@@ -15,8 +15,13 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import cholesky_of, whiten
+from ...model.poses.pose_pairs import PosePairs
 from .constraint import MIN_RESOLVED_SHARE
 from .gauss_helmert import Fit
+
+# Neighbouring residuals are those of a walk if their correlation exceeds both, as itself and over its standard error.
+MIN_WALK_CORRELATION, MIN_WALK_SD = 0.15, 5.0
+MIN_POSES_OF_WALK = 20
 
 
 class OwnResiduals(NamedTuple):
@@ -48,3 +53,16 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     if fit.prior is not None:
         known[:p, :p] = fit.prior.normal_equations(fit.X, fit.W)[0]
     return OwnResiduals(white[..., -1], white[..., :-1], M, known)
+
+
+def walks(fit: Fit, poses: PosePairs) -> bool:
+    """Return whether residuals of neighbouring poses are so much alike that their noise is that of a walk."""
+    rows = np.arange(poses.n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
+    if poses.timestamps is not None:
+        rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
+    if len(rows) < MIN_POSES_OF_WALK:
+        return False
+    white = (fit.white[0] if joint_of(fit.S) is None else own_residuals(fit).e)[rows]
+    white = white / np.maximum(np.sqrt(np.mean(white**2, axis=0)), 1e-12)
+    correlation = float(np.mean(white[1:] * white[:-1]))
+    return correlation > max(MIN_WALK_CORRELATION, MIN_WALK_SD / np.sqrt(white[1:].size))

@@ -93,6 +93,7 @@ class JointModel:
     more: tuple[ErrorTerm, ...] = ()  # of the user's own
     by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
     nothing_open: bool = False  # all rows together determine all of X and W: not looked at again
+    most_used: int = MAX_POSES_FOR_SIZES  # poses that the sizes are found by
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
 
     @classmethod
@@ -262,8 +263,8 @@ class JointModel:
         constraint = self.constraint if len(kept) == n else self.constraint.rows(kept)
         self._require_freedom(constraint, constraint.p)
         used = np.arange(len(kept))
-        if len(kept) > MAX_POSES_FOR_SIZES:
-            used = np.unique(np.linspace(0, len(kept) - 1, MAX_POSES_FOR_SIZES).round().astype(np.intp))
+        if len(kept) > self.most_used:
+            used = np.unique(np.linspace(0, len(kept) - 1, self.most_used).round().astype(np.intp))
         part = constraint.rows(used) if len(used) < len(kept) else constraint
         rows = part, kept, used
         try:

@@ -79,7 +79,7 @@ def weigh(
         grows = len(rejected) > MIN_ESTIMATES and rejected[-1] > max(rejected[-2], MANY_REJECTED_SHARE * len(weights))
         if rival is not None and grows:
             fitted = fit(constraint, noise, at, CLOSED_FORM_STEPS, weights)
-            if _cost_of(fitted, found, len(weights)) > rival():
+            if cost_of(fitted, found, len(weights)) > rival():
                 raise _Overtaken
         return noise
 
@@ -153,10 +153,10 @@ def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
     robust, found = weighed
     if found is None or found.exact.any():
         return float("inf")
-    return _cost_of(robust.fit, found, len(robust.weights))
+    return cost_of(robust.fit, found, len(robust.weights))
 
 
-def _cost_of(fit: Fit, found: FoundSizes, n: int) -> float:
+def cost_of(fit: Fit, found: FoundSizes, n: int) -> float:
     """`_cost` of a fit to n rows with the sizes found."""
     kept = len(found.kept)
     inside = kept * (found.mode.state.value / len(found.used) + 3.0 * float(np.log(2.0 * np.pi)))

@@ -65,6 +65,9 @@ class Kind(StrEnum):
     SAG = "sag"
     CAMERA_DRIFT = "drift of the camera"
     TARGET_DRIFT = "drift of the target"
+    WALK_IN_ROTATION = "random walk in rotation"
+    WALK_IN_TRANSLATION = "random walk in translation"
+    WALK_IN_SCALE = "random walk in scale"
     SHARED = "(shared)"  # columns of a given covariance
     OWN = "own"  # of the user, by name
     NEW = "new measurements"  # what they share by themselves

@@ -10,6 +10,8 @@ LENS = ErrorKey(Owner.CAMERA, Kind.LENS)
 OUTLINE = ErrorKey(Owner.CAMERA, Kind.OUTLINE)
 VIEW = ErrorKey(Owner.CAMERA, Kind.VIEW)
 INTRINSICS = ErrorKey(Owner.CAMERA, Kind.INTRINSICS)
+# Scale of camera poses that have none of their own, with a flat prior.
+CAMERA_SCALE = ErrorKey(Owner.CAMERA, Kind.SCALE)
 TARGET_SCALE = ErrorKey(Owner.TARGET, Kind.SCALE)
 ROBOT_SCALE = ErrorKey(Owner.ROBOT, Kind.SCALE)
 CLOCK_OFFSET = ErrorKey(Owner.ROBOT, Kind.CLOCK_OFFSET)
@@ -20,6 +22,11 @@ CAMERA_SHARED = ErrorKey(Owner.CAMERA, Kind.SHARED)
 DRIFTS = {
     Owner.CAMERA: ErrorKey(Owner.SESSION, Kind.CAMERA_DRIFT),
     Owner.TARGET: ErrorKey(Owner.SESSION, Kind.TARGET_DRIFT),
+}
+# Random walk of camera poses from odometry.
+WALKS = {
+    kind: ErrorKey(Owner.SESSION, kind)
+    for kind in (Kind.WALK_IN_ROTATION, Kind.WALK_IN_TRANSLATION, Kind.WALK_IN_SCALE)
 }
 # Errors of an arm's kinematics, in the order of its numbers.
 ARM = tuple(

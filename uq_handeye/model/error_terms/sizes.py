@@ -17,7 +17,7 @@ import numpy as np
 from ...core.files.tree_values import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...errors import InputError
-from .key import ErrorKey, Owner
+from .key import ErrorKey, Kind, Owner
 from .keys import (
     BY_VIEW,
     CAMERA_EXCESS,
@@ -37,6 +37,7 @@ from .keys import (
     ROBOT_TRANSLATION,
     TARGET_SCALE,
     VIEW,
+    WALKS,
 )
 
 
@@ -82,6 +83,9 @@ SIZES: dict[ErrorKey, Size] = {
     JOINT_NOISE: Size(0.2e-3, 3.0, "rad", "laser tracker data of an ABB IRB 120 and a Motoman MA1400"),
     DRIFTS[Owner.CAMERA]: Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
     DRIFTS[Owner.TARGET]: Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
+    WALKS[Kind.WALK_IN_ROTATION]: Size(1e-4, 10.0, "", "visual odometry, 0.1 mrad a step"),
+    WALKS[Kind.WALK_IN_TRANSLATION]: Size(1e-4, 10.0, "", "visual odometry, 0.1 mm a step"),
+    WALKS[Kind.WALK_IN_SCALE]: Size(3e-4, 10.0, "", "monocular odometry, 0.03 % a step"),
     PIXELS: Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
     CAMERA_EXCESS: Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
     PICTURE_SHIFT: Size(0.02, 3.0, "px", "all corners of a picture: vibration, exposure while moving"),

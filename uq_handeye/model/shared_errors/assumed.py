@@ -167,6 +167,7 @@ def error_by_number(key: ErrorKey) -> tuple[SharedError, int] | None:
         SharedError.focal_length,
         SharedError.principal_point,
         SharedError.target_scale,
+        SharedError.camera_scale,
         SharedError.robot_scale,
         assumed_lens,
     )

@@ -45,6 +45,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ..error_terms.key import ErrorKey, Kind, Owner
 from ..error_terms.keys import (
+    CAMERA_SCALE,
     CLOCK_OFFSET,
     FOCAL_LENGTH,
     INTRINSICS,
@@ -63,12 +64,23 @@ from .view import intrinsics_columns, median_distance, target_centre
 
 # Errors whose effect follows from poses, whatever they are.
 OF_ANY_POSES = frozenset(
-    {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, OUTLINE, ROBOT_ACCURACY}
+    {
+        FOCAL_LENGTH,
+        PRINCIPAL_POINT,
+        TARGET_SCALE,
+        CAMERA_SCALE,
+        ROBOT_SCALE,
+        CLOCK_OFFSET,
+        VIEW,
+        LENS,
+        OUTLINE,
+        ROBOT_ACCURACY,
+    }
 )
 # Largest difference of poses, over the reach of the arm, with the same columns of its errors.
 SAME_POSE_SHARE = 0.02
 # Those whose columns are made of the translations of the poses, and hold their noise.
-OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
+OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, CAMERA_SCALE, ROBOT_SCALE)
 
 # Relative error of the size of a target beyond which it is reported as another size.
 WRONG_SIZE = 3e-3
@@ -81,6 +93,12 @@ DEFAULT_SD = {
     ROBOT_SCALE: 1e-4,
     CLOCK_OFFSET: 1e-3,
 }
+
+# Relative standard deviation of a scale of which nothing is known. The camera poses are scaled until their error is 0,
+# where the prior does not pull; a larger one would leave rounding as what is open.
+FLAT_SCALE_SD = 0.3
+# A declared size of the target that is as uncertain as this says nothing of it.
+WIDE_SCALE_SD = 0.1
 
 # In place of a standard deviation: 0, which switches an error off.
 EXACT = ("none", "exact")
@@ -206,6 +224,11 @@ class SharedError(ReadOnlyArrays):
         return cls(TARGET_SCALE, "", "camera", _sd(sd, TARGET_SCALE, parse_ratio), (TARGET_SCALE,), _scale("camera"))
 
     @classmethod
+    def camera_scale(cls, sd: float = FLAT_SCALE_SD) -> SharedError:
+        """Relative error of the scale of camera poses that have none of their own, with a flat prior."""
+        return cls(CAMERA_SCALE, "", "camera", np.array([sd]), (CAMERA_SCALE,), _scale("camera"))
+
+    @classmethod
     def robot_scale(cls, sd: float | str = DEFAULT_SD[ROBOT_SCALE]) -> SharedError:
         """Relative standard deviation of the robot's lengths, as a number or ``"0.01%"``."""
         return cls(ROBOT_SCALE, "", "robot", _sd(sd, ROBOT_SCALE, parse_ratio), (ROBOT_SCALE,), _scale("robot"))
@@ -300,7 +323,14 @@ class SharedError(ReadOnlyArrays):
     def from_dict(cls, data: Mapping[str, Any]) -> SharedError:
         """The inverse of `to_dict`; raises `InputError` for columns of the user's own, which it does not hold."""
         key, focal_length = ErrorKey.from_dict(data["key"]), data.get("focal_length_px")
-        known = (cls.focal_length, cls.principal_point, cls.target_scale, cls.robot_scale, cls.clock_offset)
+        known = (
+            cls.focal_length,
+            cls.principal_point,
+            cls.target_scale,
+            cls.camera_scale,
+            cls.robot_scale,
+            cls.clock_offset,
+        )
         if key == ROBOT_ACCURACY:
             move, turn, reach = data["accuracy"]
             error = replace(cls.robot_accuracy(move, turn, reach=reach), stated=data["stated"])

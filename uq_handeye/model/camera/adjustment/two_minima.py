@@ -56,6 +56,7 @@ def flipped(poses: Array, middle: Array) -> Array:
     found = poses.copy()
     found[:, :3, :3] = (np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]) @ poses[:, :3, :3]
     found[:, :3, 2] *= -1.0
+    found = np.where(distance[..., None] > 0.0, found, poses)
     found[:, :3, 3] = at - found[:, :3, :3] @ middle
     return found
 
