@@ -65,4 +65,4 @@ def walks(fit: Fit, poses: PosePairs) -> bool:
     white = (fit.white[0] if joint_of(fit.S) is None else own_residuals(fit).e)[rows]
     white = white / np.maximum(np.sqrt(np.mean(white**2, axis=0)), 1e-12)
     correlation = float(np.mean(white[1:] * white[:-1]))
-    return correlation > max(MIN_WALK_CORRELATION, MIN_WALK_SD / np.sqrt(white[1:].size))
+    return bool(correlation > max(MIN_WALK_CORRELATION, MIN_WALK_SD / np.sqrt(white[1:].size)))

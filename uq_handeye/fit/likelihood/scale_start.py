@@ -68,7 +68,7 @@ def _solved(G: Array, C: Array, unit: float) -> tuple[Array, Array] | None:
     M, right = _rows(G, C, R, unit)
     M, right = M.reshape(len(G), -1, 7), right.reshape(len(G), -1, 1)
     H = M.mT @ M + 1e-12 * np.eye(7)
-    return R, np.linalg.solve(H, M.mT @ right)[..., 0]
+    return R, np.asarray(np.linalg.solve(H, M.mT @ right)[..., 0], dtype=float)
 
 
 def _rows(G: Array, C: Array, R: Array, unit: float) -> tuple[Array, Array]:
