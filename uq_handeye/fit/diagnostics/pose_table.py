@@ -31,6 +31,8 @@ FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
 MAX_TABLE_ROWS = 100
 # Share of good data sets in which a pose may be named as an outlier.
 SET_LEVEL = 0.01
+# Where the noise is estimated from the same poses, the largest distance has a heavier tail, by this factor.
+TAIL_OF_ESTIMATED = 1.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,7 +129,7 @@ class PoseTable(Record, Shown):
     @property
     def _of_set(self) -> float:
         """Factor of the limit of one pose (one good pose in 1000) to that of all poses: one good data set in 100."""
-        return float(chdtri(6, SET_LEVEL / max(10, len(self.counted))) / chdtri(6, 1e-3))
+        return TAIL_OF_ESTIMATED * float(chdtri(6, SET_LEVEL / max(10, len(self.counted))) / chdtri(6, 1e-3))
 
     @property
     def limit_of_all(self) -> float:

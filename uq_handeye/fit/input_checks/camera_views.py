@@ -23,6 +23,9 @@ from .misread_files import inverted_on_request
 MAX_OFF_AXIS_RAD = np.radians(60.0)
 # Most cameras see what stands within this angle, and most people aim them at the target.
 USUAL_FIELD_RAD = np.radians(35.0)
+# A camera is aimed at its target to within this angle (median). Another reading is better aimed if its angle is smaller
+# by this ratio, in this share of the poses.
+AIMED_RAD, BETTER_AIMED_RATIO, AIMED_SHARE = np.radians(25.0), 0.45, 0.85
 # A camera has its target ahead in this share of the poses, and one that is misread in fewer than the second share.
 SEEN_SHARE, UNSEEN_SHARE = 0.9, 0.6
 # Another reading is likelier if it shows the target in directions that vary by this share of those as given, and puts
@@ -49,6 +52,7 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
         return [Finding("input_checks.target_unseen", "caution", values)]
     if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
         return []
+    off = _off_axis(C)
     spread, off_axis = direction_spread(C), share_ahead(C, USUAL_FIELD_RAD) < UNSEEN_SHARE
     better = [
         one
@@ -57,6 +61,7 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
         and one["length"] <= one["given"]
         and (
             (off_axis and one["ahead"] >= SEEN_SHARE)
+            or (off > AIMED_RAD and one["ahead"] >= AIMED_SHARE and one["off"] < BETTER_AIMED_RATIO * off)
             or (
                 one["seen"] >= SEEN_SHARE
                 and one["spread"] < (STEADIER_RATIO if one["length"] < one["given"] else MUCH_STEADIER_RATIO) * spread
@@ -65,7 +70,7 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
     ]
     if not better:
         return []
-    values = {"spread": spread, "off": _off_axis(C), "views": sorted(better, key=lambda one: one["off"])}
+    values = {"spread": spread, "off": off, "views": sorted(better, key=lambda one: one["off"])}
     return [Finding("input_checks.steadier_reading", "caution", values)]
 
 
