@@ -25,6 +25,7 @@ from .estimate.analysis import FittedKinematics
 from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
+from .prediction.task import TaskErrors, predict_task
 from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.figure_names import figure_names
@@ -181,6 +182,26 @@ class Calibration(Statement):
             Shapes that do not fit, joints where the calibration has none; a calibration that leaves a part of X open.
         """
         return predict_points(self, points, joints, robot, points_covariance, reached_at, tool)
+
+    def predict_task(
+        self,
+        length: float | str,
+        at: float | str,
+        pixel_noise: float | str,
+        focal_length: float | str | None = None,
+    ) -> TaskErrors:
+        """Predict the errors of a length, a plane and a point that the camera measures: calibration and measurement.
+
+        Parameters
+        ----------
+        length, at : float or str
+            Side of the measured square and its distance ahead of the camera (m, or ``"100mm"``).
+        pixel_noise : float or str
+            Of the measurement itself, one standard deviation of each coordinate (``"0.2px"``).
+        focal_length : float, str or None
+            In pixels; None: of the camera calibration from corners that the result holds.
+        """
+        return predict_task(self, length, at, pixel_noise, focal_length)
 
     def predict_camera(
         self,

@@ -55,6 +55,11 @@ class PredictOptions:
       * --camera: Predict camera_T_target, the poses that the camera should see.
       --of CAMERA: With the result of a rig: the camera that --point belongs to.
       --into CAMERA: With the result of a rig: predict in the frame of this camera. Default: the world.
+      * --length L: Side of a square that the camera measures, e.g. 100mm. Predicts the error of a length, a plane and a
+        point, by calibration and measurement. With --at and --pixel-noise.
+      --at D: With --length: distance of the square from the camera, e.g. 0.5m.
+      --pixel-noise S: With --length: noise of its corners, e.g. 0.2px.
+      --focal-length F: With --length: focal length, e.g. 1000px. Default: of the pictures of the calibration.
       --no-noise: With --camera: leave out the noise of a new measurement.
     """
 
@@ -64,12 +69,27 @@ class PredictOptions:
     camera: bool = False
     of: str | None = None
     into: str | None = None
+    length: str | None = None
+    at: str | None = None
+    pixel_noise: str | None = None
+    focal_length: str | None = None
     no_noise: bool = False
 
     def require_possible(self, at: Places) -> None:
         """Raise `InputError` for options that are impossible or exclude each other."""
         if self.of is not None or self.into is not None:
             raise InputError("--of and --into are for the result of a rig. Remove them.")
+        of_task = {"--at": self.at, "--pixel-noise": self.pixel_noise}
+        if self.length is not None:
+            if missing := [name for name, value in of_task.items() if value is None]:
+                raise InputError(f"--length needs {missing[0]}. Add it, e.g. --at 0.5m --pixel-noise 0.2px.")
+            others = {"--point": self.point, "--camera": self.camera, "--joints": at.joints, "--robot": at.robot}
+            if given := [name for name, value in others.items() if value]:
+                raise InputError(f"--length is predicted at the calibrated poses. Remove {given[0]}.")
+            return
+        more = of_task | {"--focal-length": self.focal_length}
+        if given := [name for name, value in more.items() if value is not None]:
+            raise InputError(f"{given[0]} needs --length, the side of the square. Add it.")
         if bool(self.point) == self.camera:
             raise InputError("Give either --point X,Y,Z in camera coordinates, or --camera for camera poses.")
         if self.no_noise and not self.camera:
@@ -101,6 +121,9 @@ def predict_command(
       # How far a tool misses the point, errors common to both removed
       uq-handeye predict result/result.json --joints q.csv \
           --point 0mm,0mm,300mm --reached-at there.csv --tool 0mm,0mm,150mm
+      # A length of 100 mm, a plane and a point that the camera measures
+      uq-handeye predict result/result.json --length 100mm --at 0.5m \
+          --pixel-noise 0.2px --focal-length 1000px
       # Point of the left camera of a rig, in the frame of the right one
       uq-handeye predict result/rig.json --of left --into right \
           --point 0mm,0mm,300mm --robot poses.csv
@@ -121,6 +144,9 @@ def predict_command(
     points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])
     tip = None if wanted.tool is None else np.array(coordinates(wanted.tool, "--tool"))
     stored = Calibration.from_json(result)
+    if wanted.length is not None:
+        _deliver_task(stored, wanted, as_json, output)
+        return
     times, at = _read_places(stored, str(result), places, wanted.reached_at)
     if points is not None:
         found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
@@ -132,6 +158,19 @@ def predict_command(
     plain = json_text(data | {"timestamps": times.tolist()})
     files = {"predictions.csv": csv_text(rows), "predictions.json": plain}
     deliver_answer(plain, text, as_json, output, lambda: files)
+
+
+def _deliver_task(stored: "Calibration", wanted: PredictOptions, as_json: bool, output: Path | None) -> None:
+    from ...core.presentation.document import document_of, to_text
+    from ...read import json_text
+
+    assert wanted.length is not None and wanted.at is not None and wanted.pixel_noise is not None
+    task = stored.predict_task(wanted.length, wanted.at, wanted.pixel_noise, wanted.focal_length)
+    rows: list[TableRow] = [["measured", "unit", "calibration_sd", "measurement_sd", "total_sd"]]
+    rows += [[part.quantity, part.unit, part.calibration, part.measurement, part.total] for part in task.parts]
+    plain = json_text(task.to_dict())
+    files = {"task.csv": csv_text(rows), "task.json": plain}
+    deliver_answer(plain, to_text(document_of(task)), as_json, output, lambda: files)
 
 
 def _read_places(

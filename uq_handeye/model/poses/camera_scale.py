@@ -27,5 +27,5 @@ class CameraScale(Record):
 
     @property
     def units_per_m(self) -> float:
-        """How many units of the camera poses one metre is."""
+        """Number of units of the camera poses in one metre."""
         return 1.0 / self.factor
