@@ -11,6 +11,7 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.read import read_poses, read_stream, write_pose_file
+from uq_handeye.read.poses import require_robot
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 
@@ -161,3 +162,16 @@ def test_the_row_without_a_partner_is_named(tmp_path, timed):
         write_pose_file(tmp_path / f"{name}.csv", T, t if timed else np.arange(len(T)))
     with pytest.raises(uq.InputError, match=r"Of the camera, row 9 \(line 11.*\) has no partner"):
         uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv")
+
+
+def test_robot_poses_are_tested_before_pictures_are_searched(tmp_path):
+    poses = uq.simulate(6, seed=SEED)
+    write_pose_file(tmp_path / "robot.csv", poses.robot)
+    write_pose_file(tmp_path / "still.csv", np.repeat(poses.robot[:1], 6, axis=0))
+    require_robot(tmp_path / "robot.csv", 6, {})
+    with pytest.raises(InputError, match="has 6 poses, and there are 7 pictures"):
+        require_robot(tmp_path / "robot.csv", 7, {})
+    with pytest.raises(InputError, match="all 6 poses are the same"):
+        require_robot(tmp_path / "still.csv", 6, {})
+    with pytest.raises(InputError, match="units"):
+        require_robot(tmp_path / "robot.csv", 6, {"units": ("m", "mm", "m")})

@@ -150,10 +150,13 @@ class Pictures:
 
         from ..fit.input_checks.board_rotation import resolve_board_rotation
         from ..model.camera.board import find_corners, source_of
+        from ..model.camera.picture_files import picture_paths
         from ..model.camera.report.text import model_name
         from ..read import read_poses
+        from ..read.poses import require_robot
 
         board = self.board.read()
+        require_robot(robot, len(picture_paths(self.images)), how)
         with timed(f"looking for the board in {self.images}"):
             corners = find_corners(self.images, board, progress_wanted())
         if self.of_result is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -20,6 +20,7 @@ from ..core.geometry.frames import CAMERA_CONVENTIONS, SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
+from ..fit.input_checks.repeated_rows import SAME_NUMBER
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
@@ -288,6 +289,29 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
         camera_read_as=reading,
     )
     return robot.give_joints(poses, values)
+
+
+def require_robot(robot: StrPath | None, pictures: int, options: Mapping[str, Any]) -> None:
+    """Raise `InputError` for robot poses that cannot go with so many pictures: before these are searched, which takes
+    long.
+
+    Fewer poses than pictures, or poses that are all the same; joints and options that cannot be read.
+    """
+    request = ReadRequest(**options)
+    if robot is None and request.arm is None:
+        return
+    found = _robot_of(robot, request.arm, request.sides[1][0])
+    side = side_of(found.contents, "robot", shown(found.path))
+    if len(side) < pictures:
+        raise InputError(
+            f"{side.name} has {len(side)} poses, and there are {pictures} pictures: expected a robot pose for each."
+        )
+    numbers = np.column_stack([side.translation, side.rotation.reshape(len(side), -1)])
+    if len(side) > 1 and np.ptp(numbers, axis=0).max() < SAME_NUMBER:
+        raise InputError(
+            f"{side.name}: all {len(side)} poses are the same. Either the robot did not move, or one pose was written "
+            "again and again."
+        )
 
 
 class _Robot(NamedTuple):
