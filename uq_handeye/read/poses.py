@@ -274,7 +274,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
         sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], request.pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *robot.joint_source)
-    findings = (*chosen.findings, *inverted)
+    findings = (*chosen.findings, *inverted, *_stated_units(units))
     S, reading, note = camera_covariance(sides[1], units[1], forms[1], frames[1], every_camera, request.reading)
     if note:
         sources = _noted(sources, len(sources) - 1 - len(robot.joint_source), paths[1], [note])
@@ -527,6 +527,12 @@ def _inverted(frames: tuple[str, str], said: bool) -> tuple[Finding, ...]:
     """Return a finding where poses are inverted on request; ``said``: the setup is given, or a file says it."""
     sides = [role for role, frame in zip(FRAMES, frames, strict=True) if frame == FRAMES[role][1]]
     return (Finding("poses.inverted", "note", {"sides": sides, "said": said}),) if sides else ()
+
+
+def _stated_units(units: Two) -> tuple[Finding, ...]:
+    """Return a finding where the length units are given: they are then not doubted for the size of the numbers."""
+    sides = [role for role, unit in zip(FRAMES, units, strict=True) if unit is not None]
+    return (Finding("poses.units", "note", {"sides": sides}),) if sides else ()
 
 
 def _noted(

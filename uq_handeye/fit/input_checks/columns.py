@@ -26,13 +26,14 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     def note(what: str, **values: Value) -> None:
         found.append(Finding(f"input_checks.{what}", "caution", values))
 
+    stated = {side for one in poses.findings if one.code == "poses.units" for side in one.values["sides"]}
     if again := rows_again(poses):
         found.append(repeated_rows_finding(again, poses.n))
     new = np.setdiff1d(np.arange(1, poses.n), [row for row, _ in again])
     for name, T in (("robot", poses.robot), ("camera", poses.camera)):
         t = T[:, :3, 3]
         far = float(np.abs(t).max())
-        if far > MAX_REACH_M:
+        if far > MAX_REACH_M and name not in stated:
             from_corners = name == "camera" and poses.camera_calibration is not None
             rows = np.flatnonzero(np.abs(t).max(axis=1) > MAX_REACH_M)
             few = {"rows": rows[:5].tolist()} if 2 * len(rows) <= len(t) else {}
@@ -51,7 +52,7 @@ def check_poses(poses: PosePairs) -> list[Finding]:
         if same := int((T[new] == T[new - 1]).all(axis=(1, 2)).sum()):
             note("repeated_rows", file=name, count=same, n=len(T))
     reach = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (poses.robot, poses.camera))
-    if 0.0 < reach < SMALL_RIG_M and poses.truth is None:
+    if 0.0 < reach < SMALL_RIG_M and poses.truth is None and len(stated) < 2:
         found.append(
             Finding("input_checks.tiny", "failure" if reach < SMALL_RIG_M / 10 else "caution", {"reach": reach})
         )

@@ -35,6 +35,11 @@ def _(name: str, side: str, used: str, form: str, rotation: float | None, transl
     )
 
 
+@sentence("poses.units", check=INPUT, phrase="units as given")
+def _(sides: Sequence[str]) -> str:
+    return f"The length unit of the {' and the '.join(sides)} poses is as given (--units)."
+
+
 @sentence("poses.camera_convention", check=INPUT, phrase="camera poses of the convention {name}")
 def _(name: str) -> str:
     if name == "optical":
