@@ -283,7 +283,7 @@ def _found(
     try:
         job, result, more = _linearised(job, data)
     except (InputError, NotConvergedError) as error:
-        found = without_consequences([*findings, *of_rotations(job), *reasons(job)])
+        found = without_consequences(_of_open([*findings, *of_rotations(job), *reasons(job)]))
         error.findings = tuple(_numbered(found, selection))  # may well be the reason
         warn(error.findings, 3)
         raise
@@ -320,6 +320,13 @@ def _split(job: Job, findings: Sequence[Finding], selection: Selection | None) -
     row = int(moved.values["since"])
     number = row if selection is None else int(selection.kept[row])
     return split_of_poses(job.poses, job.request.noise, moved, str(number), seed=int(job.request.seed))
+
+
+def _of_open(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings without misfits of an X that motions about one axis leave open: it explains no poses."""
+    if not any(one.code == "input_checks.parallel_axes" for one in findings):
+        return list(findings)
+    return [one for one in findings if one.code != "input_checks.poses_unexplained" or one.values["readings"]]
 
 
 def _by_rotation(

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, vee
 from ...model.poses.pose_pairs import PosePairs
-from .agreement import OUTLIER_RATIO, Agreement, agreement
+from .agreement import OUTLIER_RATIO, Agreement, agreement, motions_between
 from .readings import Reading
 
 # Fewest poses that determine the matrix and show whether it is needed.
@@ -30,6 +30,8 @@ MIN_POSES_FOR_AXES = 10
 DECISIVE_RATIO, MAX_CHANCE = 1.3, 1e-5
 # Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
 UNKNOWNS, BEYOND_A_FACTOR = 15, 8
+# Rotations across the main axis have at least this share of the squares.
+MIN_ACROSS_SHARE = 0.02
 # Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
 MIN_SCALED, MAX_SHEAR = 0.03, 0.2
 AXES = "xyz"
@@ -37,7 +39,7 @@ AXES = "xyz"
 
 def misread_axes(poses: PosePairs) -> Reading | None:
     """Return the axes of one file that seem negated, exchanged or scaled, with the misfit before and after; or None."""
-    if poses.n < MIN_POSES_FOR_AXES:
+    if poses.n < MIN_POSES_FOR_AXES or not _several_axes(poses.robot):
         return None
     found = []
     now = agreement(poses.effective_robot, poses.camera)
@@ -53,6 +55,14 @@ def misread_axes(poses: PosePairs) -> Reading | None:
         if (said := _kind(M)) is not None:
             return {"kind": "axes", "file": side, "before": before, "after": after, **said}
     return None
+
+
+def _several_axes(robot: Array) -> bool:
+    """Return whether the robot rotates about two axes; about one the rotation of X is open, and any axes may fit."""
+    i, j = motions_between(len(robot))
+    u = vee(robot[i, :3, :3].mT @ robot[j, :3, :3])
+    spread = np.linalg.eigvalsh(u.T @ u)
+    return bool(spread[0] + spread[1] > MIN_ACROSS_SHARE * spread[2])
 
 
 def _needed(before: float, after: float, dof: int) -> bool:
