@@ -19,7 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.model.camera.adjustment.opencv import opencv
-from uq_handeye.model.camera.description import TAGS, Board
+from uq_handeye.model.camera.description import CIRCLES, TAGS, Board
 from uq_handeye.model.camera.dictionaries import bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.model.camera.models import MODELS
 from uq_handeye.model.camera.rays import rays
@@ -29,6 +29,7 @@ COUNT, TURN = 89, 55  # of a Fibonacci lattice
 PLACES = ((np.arange(COUNT)[:, None] * [1, TURN] % COUNT + 0.5) / COUNT - 0.5).astype(np.float32)  # of (u, v)
 STRIDE = 8  # pixels between exact rays; splines of degree 5 between them
 FINE = 60  # dots of the drawing along a square
+FINE_OF_DISCS = 500  # along the distance of two discs
 DOTS = 8  # along a cell of a tag
 AROUND = 200  # grey of what is around the white rim of the board, which is a square wide
 BLACK, WHITE = 20.0, 224.0  # as the camera sees 0 and 255
@@ -122,6 +123,8 @@ def drawing(board: Board) -> tuple[NDArray[np.uint8], float, int]:
     """The board and its white rim, x, y in metres of its first dot's outer corner, and dots along ``board.side``."""
     if board.kind in TAGS:
         return _tags(board)
+    if board.kind in CIRCLES:
+        return _discs(board)
     if board.kind == "chessboard":
         j, i = np.indices((board.rows + 1, board.columns + 1))
         squares = np.kron(((i + j) % 2 * 255).astype(np.uint8), np.ones((FINE, FINE), np.uint8))
@@ -134,6 +137,21 @@ def drawing(board: Board) -> tuple[NDArray[np.uint8], float, int]:
         before = 1
     rim = np.pad(squares, FINE, constant_values=255)
     return np.pad(rim, 1, constant_values=AROUND), -board.side * (before + 1 / FINE), FINE
+
+
+def _discs(board: Board) -> tuple[NDArray[np.uint8], float, int]:
+    """Draw a grid of black discs."""
+    first, last = board.points[:, :2].min() - board.side, board.points[:, :2].max(axis=0) + board.side
+    step = board.side / FINE_OF_DISCS
+    x, y = (np.arange(first + 0.5 * step, end, step) for end in last)
+    drawn = np.full((len(y), len(x)), 255, np.uint8)
+    for p in board.points[:, :2]:
+        column, row = (
+            slice(*np.searchsorted(of, [at - board.disc, at + board.disc])) for of, at in zip((x, y), p, strict=True)
+        )
+        inside = (x[column] - p[0]) ** 2 + (y[row, None] - p[1]) ** 2 < 0.25 * board.disc**2
+        drawn[row, column][inside] = 0
+    return np.pad(drawn, 1, constant_values=AROUND), float(first - step), FINE_OF_DISCS
 
 
 def _tags(board: Board) -> tuple[NDArray[np.uint8], float, int]:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 # Names of camera.description.KINDS.
 TAGS = ("aprilgrid", "aruco", "apriltag")
-KINDS = ("chessboard", "charuco", *TAGS)
+CIRCLES = ("circles", "circles-asymmetric")
+KINDS = ("chessboard", "charuco", *CIRCLES, *TAGS)
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,17 @@ class BoardOptions(Options):
     """Options of the board.
 
     Options (Pictures of a board):
-      * --board COLSxROWS: Inner corners of a chessboard, e.g. 9x6. Of a ChArUco board the squares, of a grid the tags.
+      * --board COLSxROWS: Inner corners of a chessboard, e.g. 9x6. Of a ChArUco board the squares, of a grid the tags
+        or circles (asymmetric: 4x11 has 4 in a row).
         Or the board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix
         also a table of points x,y,z.
-      * --square LENGTH: Measured side of a square or tag, e.g. 20mm. Without a unit: metres.
+      * --square LENGTH: Measured side of a square or tag, or distance of circles (of asymmetric ones, of their rows),
+        e.g. 20mm. Without a unit: metres.
       --pattern NAME <KINDS>: Kind of board: {KINDS}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag,
         or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.
       --spacing GAP: Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.
       --marker LENGTH: Side of a marker, for a ChArUco board.
+      --diameter LENGTH: Diameter of the discs of a grid of circles, e.g. 15mm.
       --dictionary NAME: Dictionary of the markers, e.g. 5X5_100 or tag25h9. Default: 4X4_50, of AprilTags 36h11.
       --first-id ID: Id of the first tag of a grid (default: 0), or of a single tag (default: any).
     """
@@ -41,6 +45,7 @@ class BoardOptions(Options):
     pattern: str | None = None
     spacing: str | None = None
     marker: str | None = None
+    diameter: str | None = None
     dictionary: str | None = None
     first_id: int | None = None
 
@@ -90,6 +95,10 @@ class BoardOptions(Options):
                 raise InputError(f"{name} applies to tags. Add --pattern aprilgrid, aruco or apriltag.")
         columns, rows = read_two_numbers(self.board, "--board", "9x6")
         square = read_length(self.square, "--square")
+        if kind in CIRCLES:
+            return self._circles(str(kind), columns, rows, square)
+        if self.diameter is not None:
+            raise InputError("--diameter applies to circles. Add --pattern circles or circles-asymmetric.")
         if self.marker is None and kind != "charuco":
             if self.dictionary is not None:
                 raise InputError("--dictionary applies to a ChArUco board. Add --marker LENGTH. Or to tags: --pattern.")
@@ -99,6 +108,17 @@ class BoardOptions(Options):
         if self.marker is None:
             raise InputError("--pattern charuco needs the side of its markers. Add --marker LENGTH.")
         return Board(columns, rows, square, "charuco", read_length(self.marker, "--marker"), self.dictionary)
+
+    def _circles(self, kind: str, columns: int, rows: int, square: float) -> "Board":
+        """Return a grid of circles."""
+        from ..model.camera.description import Board
+
+        for name, value in (("--marker", self.marker), ("--dictionary", self.dictionary)):
+            if value is not None:
+                raise InputError(f"{name} does not apply to circles. Remove it.")
+        if self.diameter is None:
+            raise InputError(f"--pattern {kind} needs the diameter of the circles. Add --diameter LENGTH.")
+        return Board(columns, rows, square, kind, diameter=read_length(self.diameter, "--diameter"))
 
     @property
     def of_kalibr(self) -> bool:
@@ -110,6 +130,8 @@ class BoardOptions(Options):
         from ..model.camera.description import Board
 
         single = kind == "apriltag" or (kind == "aruco" and self.board is None)
+        if self.diameter is not None:
+            raise InputError("--diameter applies to circles. Remove it.")
         if self.marker is not None:
             raise InputError(f"--marker applies to a ChArUco board. Of {kind} give the side of a tag as --square.")
         if self.square is None:

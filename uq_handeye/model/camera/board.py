@@ -23,9 +23,10 @@ from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning, require_type
 from .charuco import charuco_finder
 from .chessboard import chessboard_finder, in_small, shown_size
+from .circles import circles_finder
 from .corner_refinement import Seen
 from .corners import Corners
-from .description import SQUARES, TAGS, Board
+from .description import CIRCLES, SQUARES, TAGS, Board
 from .picture_files import _content, _decoded, _names, _picture, picture_paths
 from .tag_grid import Tags, contradiction
 from .tags import tag_finder
@@ -33,12 +34,15 @@ from .tags_in_pictures import other_tags
 
 FINDERS = {
     "chessboard": chessboard_finder, "charuco": charuco_finder,
+    "circles": circles_finder, "circles-asymmetric": circles_finder,
     "aprilgrid": tag_finder, "aruco": tag_finder, "apriltag": tag_finder,
 }  # fmt: skip
 # What to look at where a board is in no picture.
 COUNTED = {
     "chessboard": "Counted are inner corners, one less than squares.",
     "charuco": "Counted are squares, columns first; check the dictionary (--dictionary), too.",
+    "circles": "Counted are discs, columns first.",
+    "circles-asymmetric": "Counted are discs in a row, and rows, e.g. 4x11.",
     "aprilgrid": "Counted are tags; check the dictionary (--dictionary), and the id at the lower left (`first_id`, "
     "--first-id).",
     "aruco": "Counted are tags; check the dictionary (--dictionary), and the id at the upper left (`first_id`, "
@@ -148,7 +152,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         image_size=size,
         missing=missing,
         board=board.text,
-        window=window,
+        window=None if board.kind in CIRCLES else window,
+        diameter=np.full(len(numbers), board.disc) if board.kind in CIRCLES else None,
     )
     corners.require_once("The pictures")
     return corners
@@ -254,5 +259,7 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
         size += len(data)
     names = _names(paths)
     sides = "squares" if board.kind in SQUARES else "tags"
+    if board.kind in CIRCLES:
+        sides = f"discs of {MM_PER_M * board.disc:g} mm, distances"
     note = f"{board}, {sides} of {MM_PER_M * board.side:g} mm; the hash is of all pictures one after the other"
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))

@@ -22,6 +22,7 @@ from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle
 from .adjustment.criterion import CLEAR_BIC_DIFFERENCE, Candidate
+from .adjustment.disc_centres import offset
 from .adjustment.initial_guess import unlike_a_board
 from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
 from .adjustment.outliers import spoilt, without_outliers
@@ -41,6 +42,8 @@ MIN_PICTURES = 3
 MAX_FOCAL_SD_SHARE = 0.01
 # Shifts of corners by bent edges below this are not reported.
 MIN_SHIFT_PX = 0.001
+# Fits after which the places of discs no longer follow the camera; two or three suffice.
+MAX_DISC_ROUNDS = 6
 # Relative differences of width and height of the squares below this are not reported.
 MIN_STRETCH = 5e-4
 # Pixel noise above it is that of corners of another board.
@@ -73,7 +76,8 @@ def calibrate_camera(
     ----------
     corners : Corners
         At least three pictures, with the board tilted in different ways. Those that `detect_board` found (`window`)
-        are moved to where they would be if the lens bent no edges; the result has them so.
+        are moved to where they would be if the lens bent no edges, centres of discs (`diameter`) from the centroids
+        of their images to the images of the centres; the result has them so.
     image_size : (width, height) or None
         Pixels. None: as the corners have it (`detect_board`).
     model : "pinhole", "brown", "fisheye" or "auto"
@@ -175,16 +179,24 @@ def _adjusted(
         corners = _rejected(corners, bad)
     shapes = _shapes(shape, corners)
     moved: list[Finding] = []
+    taken, rounds = np.zeros((corners.m, 2)), 0  # seen centres of discs less the images of their centres
     while True:
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
         if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= MIN_PICTURES:
             wrong += np.array(corners.names)[bad].tolist()
+            taken = taken[~bad[corners.picture]]
             corners = _rejected(corners, bad)
         elif corners.window is not None:
             # Once: with the camera found from corners that were moved d changes by less than 0.001 pixels.
             d = bias(bundle, corners)
             moved = _moved(d[corners.window != 0])
             corners = replace(corners, pixels=corners.pixels - d, window=None)
+        elif corners.diameter is not None:
+            d, rounds = offset(bundle, corners), rounds + 1
+            if np.abs(d - taken).max() < MIN_SHIFT_PX or rounds == MAX_DISC_ROUNDS:
+                corners = replace(corners, diameter=None)
+                break
+            corners, taken = replace(corners, pixels=corners.pixels - (d - taken)), d
         else:
             break
     weights, s = picture_weights(bundle, corners), bundle.pixel_noise

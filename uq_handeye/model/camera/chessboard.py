@@ -119,19 +119,27 @@ def smaller(picture: Picture) -> Picture:
 def _ordered(grid: Array, picture: Picture) -> NDArray[np.intp]:
     """Numbers (rows, columns) of corners (rows, columns, 2) such that z points away and the colours, or else the
     picture, decide where x points."""
-    number = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
-    along = (grid[:, 1:] - grid[:, :-1]).mean(axis=(0, 1))
-    down = (grid[1:] - grid[:-1]).mean(axis=(0, 1))
-    if along[0] * down[1] - along[1] * down[0] < 0:  # seen from the front no board is a mirror image
-        number = number[:, ::-1]
-    turned = [np.rot90(number, k) for k in (range(4) if grid.shape[0] == grid.shape[1] else (0, 2))]
-    flat = grid.reshape(-1, 2)
+    turned, flat = unmirrored(grid), grid.reshape(-1, 2)
     dark = np.array([_first_is_dark(flat[one], picture) for one in turned])
     if dark.any() and not dark.all():
         turned = [one for one, is_dark in zip(turned, dark, strict=True) if is_dark]
+    return turned_right(flat, turned)
+
+
+def unmirrored(grid: Array) -> list[NDArray[np.intp]]:
+    """Numbers (rows, columns) of points (rows, columns, 2) in all orders of a board that is seen from the front."""
+    number = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
+    along = (grid[:, 1:] - grid[:, :-1]).mean(axis=(0, 1))
+    down = (grid[1:] - grid[:-1]).mean(axis=(0, 1))
+    if along[0] * down[1] - along[1] * down[0] < 0:
+        number = number[:, ::-1]
+    return [np.rot90(number, k) for k in (range(4) if grid.shape[0] == grid.shape[1] else (0, 2))]
+
+
+def turned_right(flat: Array, turned: list[NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Return the one of some orders of points (m, 2) in which x points most to the right."""
     right = [(flat[one[:, -1]] - flat[one[:, 0]]).mean(axis=0) for one in turned]
-    best = int(np.argmax([d[0] / np.hypot(*d) for d in right]))
-    return turned[best]
+    return turned[int(np.argmax([d[0] / np.hypot(*d) for d in right]))]
 
 
 def _squares(grid: Array, picture: Picture) -> Array:

@@ -29,7 +29,8 @@ class Corners:
     first pixel at (0, 0). ``names`` are those of the pictures, in ascending order of their rows. Kept sorted by row.
     ``window`` (m,) is half the width, in pixels, of the square in which ``cornerSubPix`` found each corner; of corners
     where lines through the edges of a tag meet, minus the length of these; 0, or None for all, where it is not known.
-    What bent edges do to a corner `bent_edges` takes out.
+    What bent edges do to a corner `bent_edges` takes out. ``diameter`` (m,), in the unit of the points: these are the
+    centres of discs, seen at the centroids of their images (`disc_centres`); None: points.
 
     Raises `InputError`: shapes that do not fit, numbers that are not finite, fewer than 4 corners in a picture.
     """
@@ -42,6 +43,7 @@ class Corners:
     missing: Sequence[str] = ()  # pictures without a board; their rows are left out
     board: str = ""  # that was looked for, where it is known: `Board.text`
     window: NDArray[np.intp] | None = None  # (m,) half the width of the square in which `cornerSubPix` looked
+    diameter: Array | None = None  # (m,) of discs about the points
 
     def __post_init__(self) -> None:
         row, points, pixels = (as_numbers(getattr(self, name), name) for name in ("row", "points", "pixels"))
@@ -79,6 +81,11 @@ class Corners:
                     f"Expected `window` ({m},) to be half widths in whole pixels, 0 where not known, got others."
                 )
             kept["window"] = window.astype(np.intp)
+        if self.diameter is not None:
+            diameter = as_numbers(self.diameter, "diameter")
+            if diameter.shape != (m,) or not ((diameter >= 0) & (diameter <= MAX_PIXELS)).all():
+                raise InputError(f"Expected `diameter` ({m},) of discs to be finite and >= 0, got others.")
+            kept["diameter"] = diameter
         for name, value in kept.items():
             ordered = value[order]
             ordered.flags.writeable = False
@@ -150,6 +157,7 @@ def picked(corners: Corners, kept: NDArray[np.bool_], names: tuple[str, ...] | N
         pixels=corners.pixels[kept],
         names=corners.names if names is None else names,
         window=None if corners.window is None else corners.window[kept],
+        diameter=None if corners.diameter is None else corners.diameter[kept],
     )
 
 

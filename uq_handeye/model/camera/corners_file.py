@@ -2,7 +2,8 @@
 
 ``row`` is the number of the robot pose that the picture was taken at, ``x, y, z`` the point on the board (m, or as the
 header says: ``x_mm``), ``u, v`` the pixel. A column ``name`` has the file of the picture, ``used`` (of files that this
-package writes) 1 or 0; other columns are not used.
+package writes) 1 or 0, ``diameter`` that of the disc (in the unit of x, y, z) whose image has its centroid at u, v;
+other columns are not used.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
             raise InputError(f"{name}, column used: expected 1 or 0, got others.")
         used = value["used"] == 1
     try:
-        corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
+        discs = value["diameter"] * factor if "diameter" in value else None
+        corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]), diameter=discs)
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
     if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > MAX_PLAIN_LENGTH_M:
@@ -93,18 +95,18 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
 def _name_and_unit(name: str) -> tuple[str, str | None]:
     """A name in small letters, of coordinates of the board without their unit, and that: ``x_mm``, ``x [mm]``."""
     bare, unit = name_and_unit(name.lower(), LENGTH_UNITS)
-    return (bare, unit) if bare in ("x", "y", "z") else (name.lower(), None)
+    return (bare, unit) if bare in ("x", "y", "z", "diameter") else (name.lower(), None)
 
 
 def _places(names: list[str], line: str, where: str) -> Places:
     small = [_name_and_unit(name)[0] for name in names]
     missing = [column for column in COLUMNS if column not in small]
-    _, twice = in_order(small, (*COLUMNS, "name", "used"))
+    _, twice = in_order(small, (*COLUMNS, "name", "used", "diameter"))
     if missing or twice:
         what = f"missing: {', '.join(missing)}" if missing else f"twice: {', '.join(sorted(twice))}"
         hint = "; the header line is missing" if rows_are_numbers(names) else ""
         raise InputError(f"{where}: expected the header {HEADER}, got {short(line)} ({what}){hint}.")
-    wanted = [*COLUMNS, *(["used"] if "used" in small else [])]
+    wanted = [*COLUMNS, *(name for name in ("used", "diameter") if name in small)]
     return Places([small.index(column) for column in wanted], [small.index("name")] if "name" in small else [])
 
 

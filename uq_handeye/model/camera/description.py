@@ -10,6 +10,9 @@ aruco         a grid of markers (OpenCV's GridBoard): origin at the outer corner
 aprilgrid     Kalibr's grid of AprilTags: origin at the outer corner of the upper left tag. Ids run row by row from the
               lower left one, upwards. Kalibr's own frame has its origin at the outer corner of the lower left tag, y up
               and z towards the camera: x' = x, y' = height - y, z' = -z
+circles       a symmetric grid of discs: origin in the middle of the first one
+circles-      an asymmetric grid, whose odd rows are moved by half of the distance of discs in a row, as OpenCV has it:
+asymmetric    ``square`` is the distance of rows, and half of that in a row; origin in the middle of the first disc
 one tag       ``apriltag``, or ``aruco`` of 1 x 1: origin in the middle, as in AprilTag; OpenCV's frame (of
               `tag_points`, and of its ArUco samples) is rotated by 180 deg about x from it
 ============  =========================================================================================================
@@ -35,7 +38,8 @@ from ...errors import InputError, require_integer
 from .dictionaries import dictionary_name
 
 SQUARES, TAGS = ("chessboard", "charuco"), ("aprilgrid", "aruco", "apriltag")
-KINDS = (*SQUARES, *TAGS)
+CIRCLES = ("circles", "circles-asymmetric")
+KINDS = (*SQUARES, *CIRCLES, *TAGS)
 # Dictionary of the markers where none is named.
 DICTIONARIES = {"charuco": "4X4_50", "aruco": "4X4_50", "aprilgrid": "APRILTAG_36H11", "apriltag": "APRILTAG_36H11"}
 # Corners or tags along a side of a board.
@@ -51,11 +55,12 @@ class Board:
     Parameters
     ----------
     columns, rows : int
-        Chessboard: inner corners along x and y. ChArUco: squares. Grids: tags. A single tag: 1 and 1.
+        Chessboard: inner corners along x and y. ChArUco: squares. Grids: tags, or discs; of an asymmetric one, discs
+        in a row and rows. A single tag: 1 and 1.
     square : float or str
         Side of a square, or of a tag with its black border, in metres, or text with a unit such as "20mm". Measure it
         on the print.
-    kind : "chessboard", "charuco", "aprilgrid", "aruco" or "apriltag"
+    kind : "chessboard", "charuco", "circles", "circles-asymmetric", "aprilgrid", "aruco" or "apriltag"
         ``aprilgrid``: Kalibr's grid of AprilTags. ``aruco``: OpenCV's GridBoard, or with 1 and 1 a single marker.
         ``apriltag``: a single tag.
     marker : float, str or None
@@ -68,6 +73,8 @@ class Board:
         length in metres; text with a unit is a length for both.
     first_id : int or None
         Id of the first tag of a grid, or of the single tag. None: 0 in a grid; a single tag may have any id.
+    diameter : float, str or None
+        Of the discs of a grid of circles: the centroid of the image of a disc is not the image of its centre.
 
     Raises `InputError` for numbers or names that make no sense.
     """
@@ -80,6 +87,7 @@ class Board:
     dictionary: str | None = None
     spacing: float | str | None = None
     first_id: int | None = None
+    diameter: float | str | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -97,11 +105,19 @@ class Board:
         if tags:
             self._check_tags()
             return
+        if (self.diameter is None) == (self.kind in CIRCLES):
+            raise InputError(
+                f"Expected `diameter`, that of the discs of a {self.kind} grid, got none."
+                if self.kind in CIRCLES
+                else f"A {self.kind} board has no `diameter`: it is of grids of circles."
+            )
         if self.spacing is not None or self.first_id is not None:
             raise InputError(f"A {self.kind} board has no `spacing` and no `first_id`: these are of grids of tags.")
-        if self.kind == "chessboard":
+        if self.kind != "charuco":
             if self.marker is not None:
-                raise InputError("A chessboard has no markers: leave `marker` out, or say kind='charuco'.")
+                raise InputError(f"A {self.kind} board has no markers: leave `marker` out, or say kind='charuco'.")
+            if self.kind in CIRCLES:
+                self._check_discs()
             return
         if self.marker is None:
             raise InputError("Expected `marker`, the side of the markers of the ChArUco board, got none.")
@@ -113,10 +129,22 @@ class Board:
             )
         object.__setattr__(self, "marker", marker)
 
+    def _check_discs(self) -> None:
+        assert self.diameter is not None
+        diameter = _positive(self.diameter, "diameter")
+        apart = self.side * (2.0**0.5 if self.kind == "circles-asymmetric" else 1.0)
+        if diameter >= apart:
+            raise InputError(
+                f"Expected `diameter` to be smaller than the distance of neighbouring discs, {apart:g} m, got "
+                f"{diameter:g} m. Of an asymmetric grid `square` is the distance of its rows."
+            )
+        object.__setattr__(self, "diameter", diameter)
+
     def _check_tags(self) -> None:
         """Set dictionary and spacing of tags; raises `InputError` for what does not go with them."""
-        if self.marker is not None:
-            raise InputError(f"Of {self.kind} the side of a tag is `square`: leave `marker` out.")
+        if self.marker is not None or self.diameter is not None:
+            what = "marker" if self.diameter is None else "diameter"
+            raise InputError(f"Of {self.kind} the side of a tag is `square`: leave `{what}` out.")
         object.__setattr__(self, "dictionary", dictionary_name(self.dictionary))
         if self.kind in ("aprilgrid", "apriltag") and not str(self.dictionary).startswith("APRILTAG"):
             raise InputError(f"Expected `dictionary` of {self.kind} to be of AprilTags, got {self.dictionary}.")
@@ -145,13 +173,18 @@ class Board:
     @property
     def text(self) -> str:
         """One line that `board_of` reads: ``kind=chessboard columns=9 rows=6 square=0.02``."""
-        of_markers = "dictionary" if self.kind == "chessboard" else ""  # which a chessboard has not
+        of_markers = "" if self.kind in (*TAGS, "charuco") else "dictionary"  # which others have not
         return " ".join(f"{k}={value}" for k, value in vars(self).items() if value is not None and k != of_markers)
 
     @property
     def side(self) -> float:
         """Length of the side of a square or a tag, in metres."""
         return float(self.square)
+
+    @property
+    def disc(self) -> float:
+        """Diameter of the discs, in metres; 0 of other boards."""
+        return 0.0 if self.diameter is None else float(self.diameter)
 
     @property
     def single(self) -> bool:
@@ -168,6 +201,10 @@ class Board:
     @property
     def symmetry_order(self) -> int:
         """Number of angles, 360 degrees over this apart, at which the board looks the same: 1, 2 or 4."""
+        if self.kind == "circles":
+            return 4 if self.columns == self.rows else 2
+        if self.kind == "circles-asymmetric":
+            return 1 if self.rows % 2 else 2
         if self.kind != "chessboard" or (self.columns + self.rows) % 2:
             return 1
         return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
@@ -178,8 +215,12 @@ class Board:
         if self.kind in TAGS:
             middle = 0.5 * self.side if self.single else 0.0
             x, y = (_ends(count, self.side, self.gap) - middle for count in (self.columns, self.rows))
+        elif self.kind == "circles-asymmetric":
+            row, column = np.mgrid[: self.rows, : self.columns]
+            of_rows = self.side * np.stack([2.0 * column + row % 2, 1.0 * row, 0.0 * row], axis=-1)
+            return np.asarray(of_rows.reshape(-1, 3))
         else:
-            first = 0 if self.kind == "chessboard" else 1
+            first = 1 if self.kind == "charuco" else 0
             x, y = (np.asarray(self.side * np.arange(first, count)) for count in (self.columns, self.rows))
         return np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
 
@@ -188,6 +229,8 @@ class Board:
             which = "" if self.first_id is None else f" {self.first_id}"
             return f"tag{which} of {self.dictionary}"
         what = {"chessboard": "inner corners", "charuco": "squares"}.get(self.kind, "tags")
+        if self.kind in CIRCLES:
+            return f"{self.kind.partition('-')[2] or 'symmetric'} grid of {self.columns} x {self.rows} circles"
         return f"{self.kind} of {self.columns} x {self.rows} {what}"
 
 
@@ -200,10 +243,11 @@ def board_of(text: str) -> Board:
     """Return the board of `Board.text`; raises `InputError` for other text."""
     try:
         values = dict(part.split("=", 1) for part in text.split())
-        marker, spacing = (float(values[name]) if name in values else None for name in ("marker", "spacing"))
+        lengths = ("marker", "spacing", "diameter")
+        marker, spacing, diameter = (float(values[name]) if name in values else None for name in lengths)
         first_id = int(values["first_id"]) if "first_id" in values else None
         numbers = int(values["columns"]), int(values["rows"]), float(values["square"])
-        return Board(*numbers, values["kind"], marker, values.get("dictionary"), spacing, first_id)
+        return Board(*numbers, values["kind"], marker, values.get("dictionary"), spacing, first_id, diameter)
     except (KeyError, ValueError) as error:
         raise InputError(
             f"Expected a board such as kind=chessboard columns=9 rows=6 square=0.02, got {short(text)}."

@@ -9,8 +9,10 @@ import numpy as np
 from ...errors import InputError, NotConvergedError
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import poses_only
+from .adjustment.disc_centres import offset
 from .adjustment.initial_guess import poses_of
 from .adjustment.two_minima import MAX_AMBIGUOUS_POINTS, better_start
+from .calibrate import MAX_DISC_ROUNDS, MIN_SHIFT_PX
 from .corners import Corners
 from .rays import rays
 from .result import CameraCalibration
@@ -41,6 +43,14 @@ def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCa
     if corners.window is not None:
         corners = replace(corners, pixels=corners.pixels - bias(bundle, corners), window=None)
         bundle = poses_only(before, corners, bundle.poses)
+    taken = np.zeros((corners.m, 2))
+    for _ in range(0 if corners.diameter is None else MAX_DISC_ROUNDS):
+        d = offset(bundle, corners)
+        if np.abs(d - taken).max() < MIN_SHIFT_PX:
+            break
+        corners, taken = replace(corners, pixels=corners.pixels - (d - taken)), d
+        bundle = poses_only(before, corners, bundle.poses)
+    corners = replace(corners, diameter=None)
     if not bundle.converged:
         raise NotConvergedError("The poses of the new pictures do not converge with the intrinsics given.", bundle)
     return replace(seen, bundle=bundle, corners=corners, findings=())
