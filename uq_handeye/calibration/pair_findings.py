@@ -25,6 +25,7 @@ from ..fit.input_checks.misread_files import INVERSE
 from ..fit.input_checks.pose_ambiguity import flipped_rows
 from ..fit.input_checks.residuals import check_fit, misread
 from ..fit.likelihood.constraint import Unknowns
+from ..model.error_terms.key import ErrorKey, Kind
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.poses.residuals import pose_residuals
 from ..rig.description import WORLD, Rig, View
@@ -38,6 +39,8 @@ from .request import Request
 MIN_VIEWS_OF_PAIR = 3
 # Two views hold the same poses where at least this many are equal, and all at moments that both have.
 MIN_EQUAL_POSES = 3
+# Outliers are named by the weights of the rig; where a target is seen, a rig has no option for another convention.
+_LEFT_OUT = ("input_checks.outliers", "input_checks.target_unseen", "input_checks.steadier_reading")
 
 
 class Pair(NamedTuple):
@@ -151,14 +154,15 @@ def _of_files(pair: Pair, result: RigPoses | None) -> list[Finding]:
         found += misplaced_rows(poses, at, ~kept)
     if len(bad) and (flips := flipped_rows(poses, at, weight > 0.9, bad.tolist(), None)):
         found.append(Finding("input_checks.flipped_poses", "caution", {"rows": flips}))
-    return [one for one in found if one.code != "input_checks.outliers"]  # which the weights of the rig name
+    return [one for one in found if one.code not in _LEFT_OUT]
 
 
 def _without_fit(poses: PosePairs) -> list[Finding]:
     """Return the findings of the files, and other readings of them, without a fit of the rig."""
     with suppress(InputError, NotConvergedError):
         job = job_of(Request(), poses)
-        return [one for one in [*look_at(job), *reasons(job)] if one.explains or one.record.check == INPUT]
+        found = [one for one in [*look_at(job), *reasons(job)] if one.explains or one.record.check == INPUT]
+        return [one for one in found if one.code not in _LEFT_OUT]
     return check_poses(poses)
 
 
@@ -183,9 +187,10 @@ def _size(pair: Pair, result: RigPoses) -> float:
     """Return the size of the target, estimated with the rig, as a multiple of the one given."""
     if (joint := result.posterior) is None:
         return 1.0
-    sizes, size = {part["name"]: float(part["size"]) for part in result.components}, 1.0
-    for name in {f"{pair.names.target} scale", f"{ALL_TARGETS} scale"} & set(joint.names) & set(sizes):
-        size /= 1.0 + sizes[name] * float(joint.estimate[joint.names.index(name)])
+    sizes, size = {ErrorKey.from_dict(part["key"]): float(part["size"]) for part in result.components}, 1.0
+    for key, z in zip(joint.keys, joint.estimate.tolist(), strict=True):  # in units of the size
+        if key.kind == Kind.SCALE and (key.name == pair.names.target or key.owner == ALL_TARGETS):
+            size /= 1.0 + sizes.get(key, 0.0) * z
     return size
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
     from ..report.comparison.compare import Compared
+    from ..rig.result import RigCalibration
     from ..trials.validation.cross_check.result import CrossCheck
 
 
@@ -133,6 +134,14 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
         text = f"{text.partition('. ')[0].rstrip('.')}."
     fail(f"{reasons[0][0].upper()}{reasons[0][1:]}. {text}")
     return ExitStatus.NOT_USABLE
+
+
+def refused_as_not_usable(result: "Calibration | RigCalibration", name: object, done: str) -> bool:
+    """Return whether a result cannot be used, and say so: its headline, and that nothing was ``done`` with it."""
+    if not result.reasons:
+        return False
+    fail(f"{name} is NOT USABLE, so nothing was {done}: {result.reasons[0].rstrip('.')}. Calibrate again.")
+    return True
 
 
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..delivery import deliver_answer
+from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
 from ..messages import quiet, timed
 from ..new_poses import NewPoses
@@ -79,6 +79,8 @@ def check_command(
         refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log")
 
     stored: Any = rig or Calibration.from_json(result)
+    if refused_as_not_usable(stored, result, "checked"):
+        return ExitStatus.NOT_USABLE
     poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
     with timed("checking"):
         found = check(stored, poses, tolerance=wanted.tolerance, level=wanted.level, same=names_of(wanted.same, THINGS))

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from ..delivery import deliver_answer
+from ..delivery import deliver_answer, refused_as_not_usable
+from ..exit_status import ExitStatus
 from ..printing import shown
 from .update import names_of
 
@@ -13,7 +14,7 @@ def diff_command(
     same: list[str] | None = None,
     as_json: bool = False,
     output: Path | None = None,
-) -> None:
+) -> int:
     """Print how far two results differ, with uncertainty.
 
     Examples:
@@ -39,8 +40,13 @@ def diff_command(
     from ...calibration.result import Calibration
     from ...use.maintenance.difference import difference, difference_document
 
-    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same, ()))
+    both = [Calibration.from_json(file) for file in (old, new)]
+    for stored, file in zip(both, (old, new), strict=True):
+        if refused_as_not_usable(stored, file, "compared"):
+            return ExitStatus.NOT_USABLE
+    found = difference(*both, same=names_of(same, ()))
     text = found.to_json()
     deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
         "diff.json": text, "diff.txt": found.summary()
     })  # fmt: skip
+    return ExitStatus.DONE

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import InputError
-from ..delivery import status_of
+from ..delivery import refused_as_not_usable, status_of
 from ..exit_status import ExitStatus
-from ..messages import LOG, fail
+from ..messages import LOG
 from ..names import CONTROLLER_NAMES, CONVENTION_NAMES
 from ..printing import emit
 from ..values import one_of, require_writable
@@ -80,10 +80,11 @@ def export_command(
     if isinstance(stored, RigCalibration):
         if convention != "toolkit":
             raise InputError("--covariance-convention: for the result of one camera, not of a rig. Remove it.")
+        if refused_as_not_usable(stored, result, "exported"):
+            return ExitStatus.NOT_USABLE
         emit(f"Wrote {stored.export(file, name)}\n")
         return 0
-    if stored.reasons:
-        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+    if refused_as_not_usable(stored, result, "exported"):
         return ExitStatus.NOT_USABLE
     emit(f"Wrote {stored.export(file, name, covariance_convention=convention)}\n")
     if not stored.usable:
@@ -111,8 +112,7 @@ def _write_one(
         raise InputError("--camera and --target are both given. Remove one of them.")
     what, asked = ("camera", camera) if target is None else ("target", target)
     of_kind = stored.cameras if what == "camera" else stored.targets
-    if not stored.split and stored.reasons:
-        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+    if not stored.split and refused_as_not_usable(stored, result, "exported"):
         return ExitStatus.NOT_USABLE
     known = {one.name: one for one in stored.split if one.name.partition("@")[0] in of_kind} or dict(of_kind)
     if asked not in known:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from ...core.files.csv_text import csv_text
 from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
-from ..delivery import deliver_answer
+from ..delivery import deliver_answer, refused_as_not_usable
+from ..exit_status import ExitStatus
 from ..rigs import predict_stored_rig, stored_rig
 from ..values import coordinates
 
@@ -109,7 +110,7 @@ class PredictOptions:
 
 def predict_command(
     result: Path, places: Places, wanted: PredictOptions, as_json: bool = False, output: Path | None = None
-) -> None:
+) -> int:
     r"""Predict target points or camera poses at other robot poses.
 
     Examples:
@@ -139,14 +140,19 @@ def predict_command(
     from ...read import json_text
 
     if (rig := stored_rig(result)) is not None:
-        return predict_stored_rig(rig, wanted, places.robot, as_json, output)
+        if refused_as_not_usable(rig, result, "predicted"):
+            return ExitStatus.NOT_USABLE
+        predict_stored_rig(rig, wanted, places.robot, as_json, output)
+        return ExitStatus.DONE
     wanted.require_possible(places)
     points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])
     tip = None if wanted.tool is None else np.array(coordinates(wanted.tool, "--tool"))
     stored = Calibration.from_json(result)
+    if refused_as_not_usable(stored, result, "predicted"):
+        return ExitStatus.NOT_USABLE
     if wanted.length is not None:
         _deliver_task(stored, wanted, as_json, output)
-        return
+        return ExitStatus.DONE
     times, at = _read_places(stored, str(result), places, wanted.reached_at)
     if points is not None:
         found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
@@ -158,6 +164,7 @@ def predict_command(
     plain = json_text(data | {"timestamps": times.tolist()})
     files = {"predictions.csv": csv_text(rows), "predictions.json": plain}
     deliver_answer(plain, text, as_json, output, lambda: files)
+    return ExitStatus.DONE
 
 
 def _deliver_task(stored: "Calibration", wanted: PredictOptions, as_json: bool, output: Path | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...core.files.csv_text import frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
-from ..delivery import deliver, wrote
+from ..delivery import deliver, refused_as_not_usable, wrote
 from ..exit_status import ExitStatus
 from ..messages import LOG, progress_wanted, verbose
 from ..names import EVERY_METHOD
@@ -90,7 +90,9 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
-    _, problem = session.calibrated(pairs, **beforehand)
+    calibrated, problem = session.calibrated(pairs, **beforehand)
+    if calibrated is not None and refused_as_not_usable(calibrated, "the calibration of these poses", "simulated"):
+        return ExitStatus.NOT_USABLE
     workers = cores() if simulation.workers is None else simulation.workers
 
     from ...read import json_text

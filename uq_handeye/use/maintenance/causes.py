@@ -1,13 +1,16 @@
 """Causes of a change: each is estimated by generalised least squares, and those that can be separated are named.
 
-A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2. Causes are compared by
+A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2. Its probability, if exactly one of them
+has happened, is proportional to its prior probability times the mean over sizes D of
 
-    BIC = deviance(d^2 - gain) + p log(N)
+    exp(-deviance(r^T (Sigma + C D^2 C^T)^-1 r) / 2) / sqrt(det(1 + D C^T Sigma^-1 C D)),        a ~ N(0, D^2)
 
-N the number of residuals, the deviance that of `reference`. ``exp(-BIC / 2)`` over the sum of all is the probability of
-each if exactly one of them has happened. The first is named if its probability is at least `MIN_PROBABILITY_NAMED`, and
-every other has a larger ``deviance + p``, with p the expected decrease by chance: fewer parameters of the first are not
-enough. Otherwise all that together have `MIN_PROBABILITY_OF_SET`, or come so near, are returned as a set.
+with the deviance of `reference` (Jeffreys 1961, section 5.2; Kass and Raftery 1995, J. Am. Stat. Assoc. 90, 773). The
+sizes D (`prior_sizes`) are those that happen in a lab, one as likely as the other. A bracket that slips, often along
+one axis, and a board that is pushed are common; a fixed lens keeps its focal length unless it was turned. The first is
+named if its probability is at least `MIN_PROBABILITY_NAMED`, and every other has a larger ``deviance + p``, with p the
+expected decrease by chance: fewer parameters of the first are not enough. Otherwise all that together have
+`MIN_PROBABILITY_OF_SET` are returned as a set, without those below `MIN_PROBABILITY_LISTED`.
 
 Two pairs of causes are the same whatever the poses: a move of the robot's base and of the part fixed in the cell
 (target, eye-in-hand; camera, eye-to-hand), and a move of the robot's tool and of the part that it carries. An image
@@ -23,11 +26,13 @@ One pose cannot separate X from W.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ...calibration.evidence.new_poses import PoseEvidence
 from ...core.files.records import Record
@@ -49,10 +54,53 @@ CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = 
 )
 # The first cause is named from this probability on; else those that together have the other one are listed.
 MIN_PROBABILITY_NAMED, MIN_PROBABILITY_OF_SET = 0.98, 0.995
+# A cause that is less probable is not listed.
+MIN_PROBABILITY_LISTED = 0.01
 # A cause is named only if all others have this much more of deviance + p.
 MIN_DEVIANCE_LEAD = 1.0
 # From three poses on one that is wrong can be separated from a change.
 MIN_POSES_FOR_ONE_WRONG = 3
+
+
+# Prior probabilities of causes in a lab, if one has happened.
+PRIORS = {
+    CAMERA_MOVED: 0.50,
+    TARGET_MOVED: 0.42,
+    ONE_POSE: 0.06,
+    FOCAL_LENGTH: 0.015,
+    IMAGE_CENTRE: 0.003,
+    TARGET_SIZE: 0.002,
+}
+# Standard deviations of the numbers of a cause, one as likely as the other; of moves angle (deg) and shift (mm). A
+# bracket slips by less than a board is pushed.
+MOVES = {
+    CAMERA_MOVED: tuple(product((0.03, 0.3, 3.0), (0.3, 1.0, 3.0, 10.0, 100.0))),
+    TARGET_MOVED: tuple(product((0.05, 0.5, 5.0), (1.0, 5.0, 20.0, 100.0))),
+}
+WRONG_POSES = tuple(product((1.0, 10.0), (10.0, 100.0)))
+RATIOS = {FOCAL_LENGTH: (0.005, 0.02), TARGET_SIZE: (0.005, 0.02, 0.1), IMAGE_CENTRE: (1e-3, 3e-3, 1e-2)}
+# A part that slides on a face or in a slot: by these lengths (m), and else by no more than this (rad, m).
+SLIDES_M = (1e-3, 5e-3)
+STAYS_RAD, STAYS_M = 2e-4, 5e-5
+
+
+def _of_move(angle: float, shift: float) -> Array:
+    return np.diag([np.radians(angle)] * 3 + [1e-3 * shift] * 3)
+
+
+def prior_sizes(name: str, R: Array | None = None) -> list[Array]:
+    """Return the factors D (p, k) of the prior covariances D D^T of a cause.
+
+    ``R`` (3, 3): axes of a part that may slide: a camera along one of its axes, a target in its plane.
+    """
+    if name in RATIOS:
+        return [size * np.eye(2 if name == IMAGE_CENTRE else 1) for size in RATIOS[name]]
+    free = [_of_move(*pair) for pair in MOVES.get(name, WRONG_POSES)]
+    if R is None:
+        return free
+    stays, along = np.diag([STAYS_RAD] * 3 + [STAYS_M] * 3), np.concatenate([np.zeros((3, 3)), R])
+    groups = ([0], [1], [2]) if name == CAMERA_MOVED else ([0, 1],)
+    return free + [np.concatenate([stays, s * along[:, axes]], axis=1) for s in SLIDES_M for axes in groups]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +137,8 @@ class Causes(ReadOnlyArrays):
         """The cause, if one has a clear lead and explains the change."""
         first = self.all[0]
         clear = first.probability >= MIN_PROBABILITY_NAMED and first.explains and first.name != IMAGE_CENTRE
-        return first if clear and not any(map(self._near, self.all[1:])) else None
+        others = [cause for cause in self.all[1:] if cause.probability >= MIN_PROBABILITY_LISTED]
+        return first if clear and not any(map(self._near, others)) else None
 
     @property
     def explained(self) -> bool:
@@ -104,6 +153,7 @@ class Causes(ReadOnlyArrays):
         before = np.cumsum([0.0, *(cause.probability for cause in self.all)])[:-1]
         of_each = zip(self.all, before, strict=True)
         names = {cause.name for cause, total in of_each if total < MIN_PROBABILITY_OF_SET or self._near(cause)}
+        names = {name for name in names if self[name].probability >= MIN_PROBABILITY_LISTED}
         names |= {CAMERA_MOVED} if IMAGE_CENTRE in names else set()
         return tuple(cause for cause in self.all if cause.name in names)
 
@@ -129,32 +179,48 @@ def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
     return found
 
 
-def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference) -> Causes:
-    """Estimate each cause by itself, and compare them."""
+def compare_causes(
+    evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference, axes: Mapping[str, Array]
+) -> Causes:
+    """Estimate each cause by itself, and compare them; ``axes``: those (3, 3) of camera and target, by their causes."""
     d2, N = evidence.d2, evidence.dof
     found: list[tuple[float, Cause]] = []
 
-    def add(name: str, C: Array, more: float, row: int | None = None) -> None:
+    def add(name: str, C: Array, choices: int = 1, row: int | None = None) -> None:
         of = evidence.explained_by(C)
         left, p = max(d2 - of.gain, 0.0), C.shape[-1]
         p_left = reference.p_value(left, N - p) if p < N else 1.0
-        deviance = reference.deviance(left)
-        bic = deviance + p * float(np.log(N)) + more
-        found.append((bic, Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, deviance, row)))
+        log_evidence = _log_evidence(evidence, reference, prior_sizes(name, axes.get(name)), C, of.estimate)
+        log_evidence += float(np.log(PRIORS[name] / choices))
+        cause = Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, reference.deviance(left), row)
+        found.append((log_evidence, cause))
 
     for name, C in columns.items():
-        add(name, C, 0.0)
+        add(name, C)
     m = len(evidence.r)
     if m >= MIN_POSES_FOR_ONE_WRONG:
         row, C = _most_outlying(evidence)
-        add(ONE_POSE, C, 2.0 * float(np.log(m)), row)
-    found.sort(key=lambda one: one[0])
-    weight = np.exp(-0.5 * (np.array([bic for bic, _ in found]) - found[0][0]))
+        add(ONE_POSE, C, m, row)
+    found.sort(key=lambda one: -one[0])
+    weight = np.exp(np.array([log_evidence for log_evidence, _ in found]) - found[0][0])
     weight = weight / weight.sum()
     return Causes(tuple(
         replace(c, probability=float(w))
         for (_, c), w in zip(found, weight, strict=True)
     ))  # fmt: skip
+
+
+def _log_evidence(
+    evidence: NewRows, reference: PredictiveReference, sizes: Sequence[Array], C: Array, estimate: Array
+) -> float:
+    """Return the logarithm of the evidence of a cause (see the module), up to a constant of all."""
+    information = evidence.information(C)
+    pull, logs = information @ estimate, []
+    for D in sizes:
+        M, z = np.eye(D.shape[1]) + D.T @ information @ D, D.T @ pull
+        left = max(evidence.d2 - float(z @ np.linalg.solve(M, z)), 0.0)
+        logs.append(-0.5 * reference.deviance(left) - 0.5 * float(np.linalg.slogdet(M)[1]))
+    return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
 def distances(evidence: NewRows) -> Array:

@@ -128,7 +128,8 @@ def check(  # type: ignore[misc]
     detectable = detectable_changes(
         evidence.information(columns[CAMERA_MOVED]), evidence.information(columns[TARGET_MOVED]), reference, level
     )
-    causes = compare_causes(evidence, columns, reference)
+    axes = {CAMERA_MOVED: result.X[:3, :3], TARGET_MOVED: np.eye(3) if result.W is None else result.W[:3, :3]}
+    causes = compare_causes(evidence, columns, reference, axes)
     p_value = reference.p_value(evidence.d2)
     if p_value < level:
         status, findings = _of_change(result, poses, evidence, causes, (noise, joints, same))

@@ -125,6 +125,6 @@ def _next(result: ChangeCheck) -> str | None:
         return None
     if result.cause == TARGET_MOVED and result.setup == "eye-in-hand":
         return "X still holds if it was the target; if it was the base, so do X and the target, in the new base."
-    if {cause.name for cause in result.causes.candidates} & set(_WAYS):
+    if result.causes.all[0].name in _WAYS:
         return "measure the target; if it is as large as before, calibrate the camera again, then X."
     return None if result.n_poses < 3 else "calibrate again."
