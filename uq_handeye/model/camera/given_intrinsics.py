@@ -443,9 +443,14 @@ def finding_of(test: GivenTest, size: tuple[int, int], model: str, exact: bool, 
 
 
 def freed(given: Known, blamed: Sequence[str]) -> dict[str, float | tuple[float, float]]:
-    """Return what is left of given numbers: without the focal lengths, centre or coefficients that are blamed."""
+    """Return what is left of given numbers: without the focal lengths or the centre, where these are blamed.
+
+    Coefficients that are blamed, all together, keep wide standard deviations: many of them have nearly the same effect.
+    """
     groups = ({"fx", "fy"}, {"cx", "cy"})
     out = set[str]()
     for name in blamed:
         out |= next((group for group in groups if name in group), set(given) - set(LINEAR))
-    return {name: value for name, value in given.items() if name not in out}
+    wide = opened({name: value for name, value in given.items() if name not in LINEAR})
+    return {name: wide.get(name, value) if name in out else value for name, value in given.items()
+            if name not in out or name not in LINEAR}  # fmt: skip
