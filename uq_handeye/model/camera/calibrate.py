@@ -219,23 +219,37 @@ def _with_given(
     found: _Adjusted, known: Known, size: tuple[int, int], exact: bool
 ) -> tuple[Bundle, GivenIntrinsics, list[Finding]]:
     """Return the fit with the numbers given, or without those that the pictures contradict, and what they say."""
-    test = given_test(found.bundle, found.corners, GivenIntrinsics.of(known, exact).values)
-    finding = None if test is None else finding_of(test, size, found.bundle.model.name, exact)
-    contradicted = finding is not None and finding.code == "camera.given_contradicted"
-    if contradicted and not exact:
-        assert finding is not None
-        known = freed(known, [one["name"] for one in finding.values["contradicted"]])
-    setting, bundle = found.setting, found.bundle
+    given, model = GivenIntrinsics.of(known, exact).values, found.bundle.model.name
+    fitted = _fit_known(found, known)
+    test = given_test(found.bundle, found.corners, given)
+    if test is not None and test.contradicted:
+        # Far from the numbers given, along what the pictures hardly determine, they are no sums of linear effects.
+        nearby = given_test(replace(fitted, pixel_noise=found.bundle.pixel_noise), found.corners, given)
+        test = test if nearby is None or nearby.contradicted else nearby
+    finding = None if test is None else finding_of(test, size, model, exact)
+    if finding is not None and finding.code == "camera.given_contradicted":
+        if exact:  # what wrong numbers leave is noise of these corners
+            squares = np.sum(fitted.residuals**2, axis=1) * fitted.weights[found.corners.picture]
+            s = float(np.sqrt(squares[fitted.used].sum() / max(fitted.freedom, 1)))
+            fitted = _fit_known(found, known, s)
+        else:
+            known = freed(known, [one["name"] for one in finding.values["contradicted"]])
+            fitted = _fit_known(found, known)
+    return fitted, GivenIntrinsics.of(known, exact), [] if finding is None else [finding]
+
+
+def _fit_known(found: _Adjusted, known: Known, pixel_noise: float | None = None) -> Bundle:
+    """Return the fit of the same pictures, corners and weights with known numbers."""
+    bundle = found.bundle
     coefficients = [n for n, free in zip(bundle.model.names, bundle.free, strict=False) if free and n not in LINEAR]
     setting = Setting.of(bundle.model, coefficients, known, bundle.shape)
-    s = bundle.pixel_noise
-    fit = partial(setting.fit, found.corners, used=bundle.used, weights=bundle.weights)
-    fitted = fit(setting.after(bundle), pixel_noise=s)
-    if contradicted and exact:  # what wrong numbers leave is noise of these corners
-        squares = np.sum(fitted.residuals**2, axis=1) * fitted.weights[found.corners.picture]
-        s = float(np.sqrt(squares[fitted.used].sum() / max(fitted.freedom, 1)))
-        fitted = fit((fitted.parameters, fitted.poses), pixel_noise=s)
-    return fitted, GivenIntrinsics.of(known, exact), [] if finding is None else [finding]
+    return setting.fit(
+        found.corners,
+        setting.after(bundle),
+        used=bundle.used,
+        weights=bundle.weights,
+        pixel_noise=bundle.pixel_noise if pixel_noise is None else pixel_noise,
+    )
 
 
 def _lenses(model: str, coefficients: Sequence[str] | None) -> Sequence[Lens]:

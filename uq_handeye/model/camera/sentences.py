@@ -50,6 +50,7 @@ def _with_unit(name: str, value: float, std: float) -> str:
     ),
     rank=0,
     first=True,
+    explains=lambda v: float(v["sigma"]) >= 5.0 and not v["kept"],
 )
 def _(
     contradicted: Sequence[Mapping[str, Any]],
