@@ -127,7 +127,7 @@ def test_every_kind_of_result_has_every_section(case, quick):
     assert said[1] in found.words(said[0])
     assert repeated(found) == []
     for anchor, text in found.texts.items():
-        if anchor not in ("forms", "repeat", ""):
+        if anchor not in ("answer", "forms", "repeat", ""):  # the answer keeps its advice
             assert not re.search(r"(?<![\w-])--[a-z]|\w=\w|result\.[a-z]", text), anchor
 
 

@@ -10,6 +10,8 @@ from ..core.presentation.document import Block, Paragraph, Points, Section
 
 # Sections for those who repeat the run or take X into their software.
 FOR_PROGRAMMERS = ("forms", "repeat")
+# The section with the answer, which keeps its advice.
+ANSWER = "answer"
 ADVICE = "Advice for repeating the run:"
 # An option, an argument, a call, or an attribute of a result.
 _CODE = re.compile(
@@ -18,8 +20,12 @@ _CODE = re.compile(
 _BETWEEN = re.compile(r"(?<=[.!?]) (?=[A-Z])")
 
 
+def _sentences(block: Block) -> list[str]:
+    return [text for text in _BETWEEN.split(block.text) if len(text) > 40] if isinstance(block, Paragraph) else []
+
+
 def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
-    """Return the sections without sentences that occur in earlier ones, and without code.
+    """Return the sections without sentences that occur in earlier ones, and but for the answer without code.
 
     Sentences with options of the command or arguments of functions are moved to the section "repeat", if there is one.
     """
@@ -49,7 +55,9 @@ def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
         return [block]
 
     def of_section(section: Section) -> Section:
-        if section.anchor in FOR_PROGRAMMERS:
+        if section.anchor == ANSWER:  # with its advice, whatever it holds
+            said.update(text for block in section.blocks for text in _sentences(block))
+        if section.anchor in (*FOR_PROGRAMMERS, ANSWER):
             return section
         return replace(section, blocks=[part for block in section.blocks for part in of_block(block)])
 
