@@ -278,7 +278,8 @@ def _found(
     request: Request, data: PosePairs | Motions, selection: Selection | None, said: Sequence[Finding]
 ) -> tuple[Calibration, list[Finding]]:
     """Return the result and its findings, before they are given as warnings."""
-    job = job_of(request, data)
+    with one_thread():  # as `_run`
+        job = job_of(request, data)
     findings = [*said, *of_files(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
         job, result, more = _linearised(job, data)

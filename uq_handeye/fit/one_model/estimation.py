@@ -63,8 +63,9 @@ MAX_LINEARISATIONS = 6
 # than this is not taken, and shared errors whose energy in the whitened rows is below it count as noise of each pose
 # for the weights (the noise itself has the energy 1 in each number).
 ROUGH_GAIN = 1e-2
-# At most this many poses, evenly spread over the rows, are used to estimate the sizes.
-MAX_POSES_FOR_SIZES = 300
+# At most this many poses, evenly spread over the rows, are used to estimate the sizes; and as long as unknowns and
+# robust weights are not final, by which rows are judged.
+MAX_POSES_FOR_SIZES, MAX_POSES_FOR_ROUGH_SIZES = 200, 100
 # The data do not resolve a size whose logarithm has a posterior standard deviation above this share of its prior one.
 MAX_RESOLVED_SPREAD = 0.6
 # Half the width of an interval of a normal distribution, in standard deviations.
@@ -263,8 +264,9 @@ class JointModel:
         constraint = self.constraint if len(kept) == n else self.constraint.rows(kept)
         self._require_freedom(constraint, constraint.p)
         used = np.arange(len(kept))
-        if len(kept) > self.most_used:
-            used = np.unique(np.linspace(0, len(kept) - 1, self.most_used).round().astype(np.intp))
+        most = self.most_used if gain <= GAIN else min(self.most_used, MAX_POSES_FOR_ROUGH_SIZES)
+        if len(kept) > most:
+            used = np.unique(np.linspace(0, len(kept) - 1, most).round().astype(np.intp))
         part = constraint.rows(used) if len(used) < len(kept) else constraint
         rows = part, kept, used
         try:

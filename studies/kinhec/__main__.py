@@ -1,0 +1,3 @@
+from studies import kinhec
+
+kinhec.STUDY.run(kinhec.__doc__)
