@@ -50,7 +50,9 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
     notes = []
     if meant != names:
         notes.append(f"columns {', '.join(names)} read as {', '.join(meant)}")
-    if left := [one for k, one in enumerate(table.names) if k not in table.places.numbers]:
+    numbers = numbers_in(text for (text,) in table.texts)
+    used = {*table.places.numbers, *(table.places.texts if numbers else ())}  # names with a number match rows
+    if left := [one for k, one in enumerate(table.names) if k not in used]:
         notes.append(f"not used: the columns {short(', '.join(left))}")
     if table.mark != ",":
         marks = "semicolons, numbers with decimal commas" if table.decimal_commas else MARKS[table.mark]
@@ -70,7 +72,8 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
             times, note = in_seconds(times, unit_of["timestamp"] or "s")
         notes += [note] if note else []
     else:
-        notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")
+        by = f"by the column {short(table.names[table.places.texts[0]])}" if numbers else "0, 1, 2, ..."
+        notes.append(f"no timestamp column: rows are numbered {by}")
     translation = [meant.index(axis) for axis in "xyz" if axis in meant]
     if (length := unit_of.get("x")) is not None:
         notes.append(f"translations in {length}, as the columns are named")
@@ -85,7 +88,7 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
     )
     side = Side(
         name, positions, table.values[:, quaternion], times, table.lines, "line", order, columns,
-        units=length, numbers=numbers_in(text for (text,) in table.texts),
+        units=length, numbers=numbers,
     )  # fmt: skip
     if covariances is not None:
         places = [table.places.numbers.index(k) for k in covariances[0]]

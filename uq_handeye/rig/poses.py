@@ -35,6 +35,8 @@ from .fit import onto_closed
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
+# Of a camera and a target of which most views are rejected, the others prove nothing where there are fewer.
+MIN_KEPT_OF_PAIR = 8
 # Parts of a direction, in units of the rig, below this count as none.
 NEGLIGIBLE_PART = 1e-6
 
@@ -217,9 +219,24 @@ class RigPoses(Record):
                 f"{self.chi_square:.0f} of {self.dof:.0f}). Look at what each camera and target is on, at the files, "
                 "and at the noise."
             )
+        for (camera, target), (kept, count) in self._kept.items():
+            if 2 * kept < count and kept < MIN_KEPT_OF_PAIR:
+                found.append(f"{count - kept} of {count} views of {target} by {camera} contradict the others.")
         if len(self.rejected) > 0.5 * len(self.weights):
             found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others.")
         return tuple(found)
+
+    @property
+    def _kept(self) -> dict[tuple[str, str], tuple[int, int]]:
+        """Number of views that count, and of all, of each camera and target; those of a rejected robot pose do not."""
+        out = set(self.rejected_poses)
+        weights, found = iter(self.weights.tolist()), dict[tuple[str, str], tuple[int, int]]()
+        for view in self.rig.views:
+            arms = [place for place in self.rig.places(view) if place != WORLD]
+            count = [next(weights) > 0 and not any((arm, moment) in out for arm in arms) for moment in view.at or ()]
+            kept, of_all = found.get((view.camera, view.target), (0, 0))
+            found[view.camera, view.target] = (kept + sum(count), of_all + len(count))
+        return found
 
     @property
     def usable(self) -> bool:

@@ -15,7 +15,8 @@ import numpy as np
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability, times_of_noise
-from ...core.numbers.levels import UNUSUAL
+from ...core.numbers.levels import IMPOSSIBLE, UNUSUAL
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ...findings import (
     CHECKS,
     HALVES,
@@ -49,6 +50,8 @@ MAX_REJECTED_OF_FEW = 0.35
 MIN_MANY_POSES = 20
 # Ten tests are made of a result: together they raise a caution in 5 % of data sets (Bonferroni).
 CAUTION_OF_TEN_TESTS = UNUSUAL.probability / 10
+# Checks whose tests refute a result: what was assumed, given or declared, and X of two halves.
+REFUTING = (NOISE, HALVES, SHARED)
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior only.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
 
@@ -80,6 +83,12 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
 
 
+def _is_refuted(finding: Finding) -> bool:
+    """Return whether a test refutes an assumption, or that two halves have one X, beyond any chance."""
+    p = finding.values.get("p_value")
+    return finding.rejects and finding.record.check in REFUTING and p is not None and p < IMPOSSIBLE.probability
+
+
 def lower_limit_of(result: Checked) -> bool:
     """Return whether the accuracy is a lower limit: tests show errors that it does not include, or none is included.
 
@@ -106,6 +115,8 @@ def _all_findings(result: Estimated) -> Iterable[Finding]:
 def _without_findings(name: str, result: Estimated) -> Check:
     """Return the check where nothing was found: passed, or not run and why."""
     if name == INPUT:
+        if result.n_poses is not None and result.n_poses < MIN_POSES_FOR_ROBUST:
+            return Check(name, "not run", f"{result.n_poses} poses fit under several readings of the files")
         return Check(name, "ok", "rows, units and frames fit together")
     if name == OUTLIERS:
         if result.table is None:
@@ -302,6 +313,7 @@ class Checked(Estimated):
     def reasons(self) -> tuple[str, ...]:
         """Reasons why X cannot be used, the decisive one first; empty where it can."""
         found = list(failures_in_words(self.cautions))
+        found += [one.phrase for one in self.cautions if one.severity != "failure" and _is_refuted(one)]
         if self.table is not None and len(self.table.counted) < MIN_MANY_POSES:
             rejected, n = len(self.table.rejected), len(self.table.counted)
             if rejected > MAX_REJECTED_OF_FEW * n:  # of few poses as many as are left may agree on a wrong X by chance

@@ -226,6 +226,10 @@ def _view(entry: Any, where: str) -> dict[str, Any]:
         raise InputError(f"Expected names of camera and target {where}, got {entry!r:.60}.")
     if len(given := [key for key in _SOURCES if key in entry]) != 1:
         got = " and ".join(given) or "none of them"
+        if wrong := [key for key in ("poses", "csv", "path") if key in entry]:
+            raise InputError(
+                f"`{wrong[0]}` {where}: the poses of a view are its `file`. Write file = {entry[wrong[0]]!r}."
+            )
         raise InputError(f"Expected one of {', '.join(_SOURCES)} {where}, got {got}.")
     return _checked(entry, _VIEW, where)
 

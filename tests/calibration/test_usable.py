@@ -1,0 +1,65 @@
+"""A refuted result is not usable, what the data cannot test is not run, and commands refuse what is not usable."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import uq_handeye as uq
+from uq_handeye.cli.app import main
+from uq_handeye.rig.simulation import simulate_rig
+
+pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
+VIEW = ("1mrad", "0.5mm")
+
+
+def with_target_of_other_size(n, factor):
+    drawn = uq.simulate(n, noise=NOISE, seed=3)
+    camera = drawn.camera.copy()
+    camera[:, :3, 3] *= factor
+    return uq.PosePairs(drawn.robot, camera)
+
+
+@pytest.mark.slow
+def test_a_declared_size_that_the_residuals_refute_is_not_usable():
+    declared = [uq.SharedError.target_scale(1e-4)]
+    wrong = uq.calibrate(with_target_of_other_size(25, 1.01), noise=NOISE, shared=declared)
+    assert not wrong.usable and any("target scale" in reason for reason in wrong.reasons)
+    assert uq.calibrate(with_target_of_other_size(25, 1.0), noise=NOISE, shared=declared).usable
+
+
+def test_three_poses_do_not_test_the_files():
+    status = {n: uq.calibrate(with_target_of_other_size(n, 1.0), noise=NOISE).checks[0].status for n in (3, 8)}
+    assert status == {3: "not run", 8: "ok"}
+
+
+@pytest.mark.slow
+def test_a_camera_of_which_few_views_are_left_is_named():
+    rig, _ = simulate_rig({"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=12, noise=None, seed=1)
+    result = uq.calibrate(rig, noise=dict.fromkeys(("arm", "left", "right"), VIEW))
+    assert result.usable
+    weights = np.ones(24)
+    weights[12:19] = 0.0  # of the right camera 5 of 12 are left
+    few = dataclasses.replace(result, weights=weights)
+    assert not few.usable and few.reasons == ("7 of 12 views of board by right contradict the others.",)
+
+
+@pytest.mark.slow
+def test_commands_refuse_a_result_that_is_not_usable(tmp_path, capsys):
+    declared = [uq.SharedError.target_scale(1e-4)]
+    wrong = uq.calibrate(with_target_of_other_size(25, 1.01), noise=NOISE, shared=declared)
+    file, robot = str(wrong.save(tmp_path / "result.json")), str(tmp_path / "robot.csv")
+    camera = str(tmp_path / "camera.csv")
+    new = uq.simulate(6, noise=NOISE, seed=4)
+    uq.write_pose_file(robot, new.robot)
+    uq.write_pose_file(camera, new.camera)
+    for command in (
+        ["check", file, robot, camera],
+        ["diff", file, file],
+        ["predict", file, "--robot", robot, "--camera"],
+        ["export", file, str(tmp_path / "x.urdf")],
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+        assert ended.value.code == 3 and wrong.reasons[0] in capsys.readouterr().err, command
