@@ -5,8 +5,8 @@
 # usual sum of w r^2, so that 1 / sd^2 is what one writes. Seen: the residual is multiplied by weight and then squared: two
 # measurements of one step, 1 m with weight 9 and 0 m with weight 1, give 81 / 82 m in place of 9 / 10 m. Who writes
 # information weights a tag seen at 1 mm against one seen at 3 mm by 81 to 1; it is the inverse of the deviation that belongs
-# here. The documentation says neither. Metres and radians share the one weight (0.01 rad counts as 10 mm), and a result in
-# float64 has the digits of float32.
+# here. The documentation says neither; the same weight serves metres and radians, and a result in float64 has the digits of
+# float32.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -4,7 +4,7 @@
 # BoardEstimator (corners of the markers) and CharucoRefiner (corners of the squares) both give the pose of the board and its
 # covariance (board_cov). Expected: deviations that grow with the noise of the picture, and the smaller one at the better pose.
 # Seen: with a noise of 2 or of 10 levels both state the same. BoardEstimator states deviations more than ten times what its
-# poses scatter by, CharucoRefiner half of that at 10 levels, although its poses are the worse ones: who fuses the two, or
+# poses scatter by, CharucoRefiner at 10 levels less than half, although its poses are the worse ones: who fuses the two, or
 # weights views of two boards, by their covariances keeps the worse pose. The corners' covariances are those of a fixed noise
 # of the picture (source: charuco.rs), whatever is left of the residuals. With the covariances as weights of a hand-eye
 # calibration a chi-squared test of the residuals means nothing.
