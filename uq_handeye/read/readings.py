@@ -349,11 +349,11 @@ class _Pair:
         G, C = (T[:, :3, :3] for T in self.poses(pair))
         if len(G) < 3 or len(G) != len(C):
             return False
-        return typical_difference(angles_between(G), angles_between(C)) < 2.0 * LARGE_ROTATION_RAD
+        return bool(typical_difference(angles_between(G), angles_between(C)) < 2.0 * LARGE_ROTATION_RAD)
 
     def _fits_well(self, fit: Agreement, pair: ReadingPair) -> bool:
         """Return whether most poses agree in rotation and, with the scale free, in translation."""
-        return (
+        return bool(
             fit.angle <= LARGE_ROTATION_RAD
             and fit.share >= MAJORITY
             and fit.distance <= MAX_MISFIT_SHARE * self._travel(pair)

@@ -9,6 +9,7 @@ its optical axis, and in nearly the same direction throughout. Trackers have no 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
     if seen < UNSEEN_SHARE:
         better = [one for one in readings if one["seen"] >= SEEN_SHARE]
         better.sort(key=lambda one: one["spread"])
-        values = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
+        values: dict[str, Any] = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
         return [Finding("input_checks.target_unseen", "caution", values)]
     if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
         return []
@@ -80,7 +81,7 @@ def share_ahead(T: Array, within: float = MAX_OFF_AXIS_RAD) -> float:
     return float(np.mean(t[:, 2] > np.cos(within) * np.linalg.norm(t, axis=1)))
 
 
-def _readings(poses: PosePairs, X: Array) -> list[dict[str, object]]:
+def _readings(poses: PosePairs, X: Array) -> list[dict[str, Any]]:
     """Return the readings that fit as well: ``kind``, the share of targets ``seen``, ``spread`` of directions (rad).
 
     Of those that give X another place, ``length`` is that of what is on the gripper (m), and ``given`` the one as read.
@@ -90,7 +91,7 @@ def _readings(poses: PosePairs, X: Array) -> list[dict[str, object]]:
     W = poses.effective_robot @ X @ C
     long_X, long_W = float(np.linalg.norm(X[:3, 3])), float(np.linalg.norm(np.median(W[:, :3, 3], axis=0)))
     on_gripper, fixed = (long_X, long_W) if in_hand else (long_W, long_X)
-    found = []
+    found: list[dict[str, Any]] = []
     for name in OTHER_CONVENTIONS:
         turned = CAMERA_CONVENTIONS[name] @ C
         found.append({"kind": "convention", "name": name, **_views(turned)})

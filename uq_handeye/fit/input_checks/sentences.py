@@ -168,21 +168,8 @@ sentence(
 )
 
 
-def _small_rotations(largest: float) -> str:
-    if largest < NO_ROTATION_RAD:
-        return (
-            "The robot does not rotate: the rotation of X comes from its translations alone, and the translation of X "
-            "stays open but for what is known of target or camera (--known)."
-        )
-    return (
-        f"The robot rotates by at most {digits(_DEG * largest, 2)} degrees, which amplifies the noise. Rotate it by 30 "
-        "degrees or more, about different axes."
-    )
-
-
-sentence(
+@sentence(
     "input_checks.small_rotations",
-    _small_rotations,
     check=MOTION,
     phrase=lambda v: (
         "the robot does not rotate"
@@ -195,6 +182,16 @@ sentence(
         else "rotate more: add poses 30 deg and more apart, about different axes"
     ),
 )
+def _(largest: float) -> str:
+    if largest < NO_ROTATION_RAD:
+        return (
+            "The robot does not rotate: the rotation of X comes from its translations alone, and the translation of X "
+            "stays open but for what is known of target or camera (--known)."
+        )
+    return (
+        f"The robot rotates by at most {digits(_DEG * largest, 2)} degrees, which amplifies the noise. Rotate it by 30 "
+        "degrees or more, about different axes."
+    )
 
 
 @sentence(

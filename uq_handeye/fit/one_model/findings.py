@@ -129,7 +129,13 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
         if beyond > FAR_OUTSIDE_SD:
             unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
             value, usual = (units.get(part.key, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
-            far = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
+            far: JsonObject = {
+                "error": part.name,
+                "of": unit,
+                "value": value,
+                "usual": usual,
+                "factor": part.size.factor,
+            }
             listed.append(Finding("noise_estimation.size_far_outside", "caution", far))
             ends.append(far)
     said = {values["error"] for values in (*low, *ends)}
