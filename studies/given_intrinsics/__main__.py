@@ -1,0 +1,3 @@
+from studies import given_intrinsics
+
+given_intrinsics.STUDY.run(given_intrinsics.__doc__)
