@@ -26,7 +26,7 @@ from uq_handeye.core.presentation.figure_parts import WIDTH, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_groups import grouped
-from uq_handeye.model.error_terms.estimate import ErrorEstimate
+from uq_handeye.model.error_terms.estimate import ErrorEstimate, resolved_share
 from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
 from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.comparison.figure import comparison_picture
@@ -296,9 +296,10 @@ def test_the_budget_is_drawn_as_it_is():
     assert len(hatches) == 2  # told apart without colour
 
 
-def shared_error(name, prior_sd, estimate, sd, unit=""):
-    key = ErrorKey(Owner.CAMERA, Kind.OWN, name=name)
-    return ErrorEstimate(key, "camera", unit, prior_sd, estimate=estimate, sd=sd, share=0.5)
+def shared_error(name, size, estimate, sd, unit="", index=None):
+    key, resolved = ErrorKey(Owner.CAMERA, Kind.OWN, index, name), resolved_share(sd, size)
+    found = {"estimate": estimate, "sd": sd, "share": 0.5, "resolved": resolved, "effect": np.zeros(6)}
+    return ErrorEstimate(key, "camera", unit, size, count=1, **found)
 
 
 def test_shared_errors_are_drawn_in_what_was_assumed_of_them():
@@ -320,7 +321,7 @@ def test_shared_errors_are_drawn_in_what_was_assumed_of_them():
 
 
 def test_an_error_of_many_numbers_is_one_row_of_dots():
-    many = [shared_error(f"joint offsets: {k}", 1e-3, (k - 2) * 1e-4, 2e-4, "rad") for k in range(5)]
+    many = [shared_error("joint offsets", 1e-3, (k - 2) * 1e-4, 2e-4, "rad", k) for k in range(5)]
     figure = shared_figure(grouped([shared_error("focal length", 1e-3, 5e-4, 2e-4), *many], np.eye(6)))
     axis = figure.get_axes()[0]
     assert [label.get_text() for label in axis.get_yticklabels()] == ["focal length", "joint offsets"]
