@@ -34,9 +34,7 @@ def as_path(path: StrPath) -> Path:
     except UnicodeEncodeError:
         usable = False
     if usable and any(len(os.fsencode(part)) > MAX_PART_BYTES for part in result.parts):
-        raise InputError(
-            f"Expected the path of a file, got a name longer than {MAX_PART_BYTES} bytes: {shown(result)}."
-        )
+        raise InputError(f"Cannot read {shown(result)}: file name too long (above {MAX_PART_BYTES} bytes).")
     if not usable:
         raise InputError(f"Expected the path of a file, got {str(path)!a}, which no file system can hold.")
     return result

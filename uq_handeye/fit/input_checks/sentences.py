@@ -353,6 +353,7 @@ def _(what: str, length: float, fixed: float) -> str:
 @sentence(
     "input_checks.far_camera",
     first=True,
+    explained=True,
     phrase="the camera would sit {length:~2} m from the gripper",
     effect=25,
     remedy="check the tool frame of the robot and the frames of both files; if it sits there, give its place (--known)",
@@ -368,6 +369,7 @@ def _(length: float) -> str:
 @sentence(
     "input_checks.identity",
     first=True,
+    explained=True,
     phrase="X is the identity: are these poses of one frame?",
     effect=30,
     remedy="check that neither file was computed from the other; if X is the identity, say so (--known 'camera z = "
@@ -432,6 +434,7 @@ def _views_listed(views: Sequence[Mapping[str, Any]]) -> str:
 @sentence(
     "input_checks.target_unseen",
     first=True,
+    explained=True,
     phrase=lambda v: (
         "the camera cannot see its target" + (f": {view_in_words(v['views'][0])[0]}?" if v["views"] else "")
     ),
@@ -449,6 +452,7 @@ def _(seen: int, n: int, views: Sequence[Mapping[str, Any]]) -> str:
 @sentence(
     "input_checks.steadier_reading",
     first=True,
+    explained=True,
     phrase=lambda v: f"{view_in_words(v['views'][0])[0]}?",
     effect=35,
     remedy=_view_remedy,
