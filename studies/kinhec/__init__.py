@@ -8,8 +8,8 @@ clock offset); `calibrate` gets all poses with a measurement, no noise, no truth
 `synchronise`, of an unknown scale with ``camera_scale="unknown"``.
 
 Error: distance of the estimated position of KinHEC's X (the camera on the gripper, or the marker) from the truth.
-Inside: the error of `calibrate`'s X (six numbers) is within the 95 % region of its covariance. 30 sequences a track
-(quick: 2, of 4 s at 15 Hz), seed 31.
+Inside: the error of `calibrate`'s X (six numbers) is within the 95 % region of its covariance. 3 to 8 sequences a
+track (quick: 2, of 3 s at 10 Hz), seed 31.
 
 Needs the extra `kinhec`: pip install -e '.[kinhec]'.
 """
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -35,9 +36,13 @@ from uq_handeye.core.runtime.threads import one_thread
 from uq_handeye.errors import MissingExtraError
 
 SEED = 31
-TRACKS = ("noise", "motion", "temporal", "outliers", "monocular", "robot_error", "pnp", "mixed")
-COUNT, QUICK_COUNT = 30, 2
-QUICK_SECONDS, QUICK_HZ = 4, 15
+# Tracks by how many sequences are made of them; the order of each group is drawn by one generator.
+GROUPS = (
+    {"noise": 8, "motion": 8, "temporal": 8, "outliers": 8, "monocular": 3},
+    {"pnp": 8, "robot_error": 8, "mixed": 8},
+)
+QUICK_COUNT = 2
+QUICK_SECONDS, QUICK_HZ = 3, 10
 ATTEMPTS = 5  # draws of a sequence whose arm cannot reach its poses
 INSIDE = 12.59  # 95 % quantile of chi-square with 6 degrees of freedom
 SOLVER = "solver "
@@ -46,22 +51,20 @@ SOLVER = "solver "
 def measure(full: bool) -> dict[str, pd.DataFrame]:
     """Return one row per sequence: what `calibrate` says, and the errors of all."""
     rows: list[dict[str, Any]] = []
-    count = COUNT if full else QUICK_COUNT
-    with progress_bar("kinhec", count * len(TRACKS), "sequences") as advance, one_thread(), catch_warnings():
+    total = sum(count if full else QUICK_COUNT for group in GROUPS for count in group.values())
+    with progress_bar("kinhec", total, "sequences") as advance, one_thread(), catch_warnings():
         simplefilter("ignore", uq.InputWarning)  # what is wrong is in the findings
-        for track in TRACKS:
-            for sequence in sequences(track, count, full):
+        for group in GROUPS:
+            for sequence in sequences(group, full):
                 rows.append(row_of(sequence))
                 advance(1)
     return {"sequences": pd.DataFrame(rows)}
 
 
-def sequences(track: str, count: int, full: bool) -> Iterator[Any]:
-    """Return the first sequences of a track in an order by the seed, as KinHEC reads them."""
+def sequences(group: dict[str, int], full: bool) -> Iterator[Any]:
+    """Return the first sequences of each track, as KinHEC reads them."""
     try:
         from kinhec import plans
-        from kinhec.generator import GenerationError, generate_sequence
-        from kinhec.io import Sequence
     except ImportError as error:
         raise MissingExtraError("The study needs KinHEC. Install it: pip install -e '.[kinhec]'.") from error
     tier = plans.load_tier("small")
@@ -70,10 +73,19 @@ def sequences(track: str, count: int, full: bool) -> Iterator[Any]:
         "fraction": [0.0, 0.05, 0.2, 0.3, 0.5],
         "model": ["random_pose", "planar_flip", "gross"],
     }
-    configurations = plans.build_plan(tier, [track])[track]
-    made = 0
-    for k in np.random.default_rng(SEED).permutation(len(configurations)):
-        configuration = configurations[k]
+    rng = np.random.default_rng(SEED)
+    for track, configurations in plans.build_plan(tier, list(group)).items():
+        order = rng.permutation(len(configurations))
+        count = group[track] if full else QUICK_COUNT
+        yield from islice(_made([configurations[k] for k in order], full), count)
+
+
+def _made(configurations: list[Any], full: bool) -> Iterator[Any]:
+    """Return the sequences of configurations; those whose arm does not reach its poses are drawn again."""
+    from kinhec.generator import GenerationError, generate_sequence
+    from kinhec.io import Sequence
+
+    for configuration in configurations:
         if not full:
             limits = {"duration_s": QUICK_SECONDS, "camera_rate_hz": QUICK_HZ}
             sampling = configuration.sampling
@@ -85,10 +97,7 @@ def sequences(track: str, count: int, full: bool) -> Iterator[Any]:
                 configuration.seed = (configuration.seed * 1103515245 + 12345 + attempt) % (2**31 - 1)
                 continue
             yield Sequence(found.manifest, found.robot_table, found.camera_table)
-            made += 1
             break
-        if made == count:
-            return
 
 
 def row_of(sequence: Any) -> dict[str, Any]:
@@ -145,7 +154,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Return one line per track."""
     solvers = [name for name in rows if name.startswith(SOLVER)]
     lines = []
-    for track in [name for name in TRACKS if name in set(rows.track)]:
+    for track in rows.track.unique():
         of = rows[rows.track == track]
         usable = of[of.status == "usable"]
         medians = of.loc[usable.index, solvers].median()
