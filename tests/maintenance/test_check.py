@@ -413,3 +413,21 @@ def test_a_slipped_bracket_and_a_turned_lens_are_the_likeliest_cause(fault, trut
         right += found.changed and found.causes[truth].probability > 0.5
         assert all(cause.probability >= 0.01 for cause in found.causes.candidates if found.cause is None)
     assert right >= binom.ppf(1e-3, trials, 0.7)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("what", ["X", "target"])
+def test_a_move_among_the_new_poses_is_named_with_its_pose(what):
+    noise = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
+    for k, setup in enumerate(("eye-in-hand", "eye-to-hand") * 2):
+        drawn = uq.simulate(37, noise=noise, seed=[55, k], setup=setup)
+        result = uq.calibrate(drawn[:25], noise=noise)
+        push = np.eye(4)
+        push[0, 3] = 3e-3
+        for since in (0, 6):
+            seen = drawn.camera[25:].copy()
+            seen[since:] = seen[since:] @ push if what == "target" else np.linalg.inv(push) @ seen[since:]
+            found = uq.check(result, uq.PosePairs(drawn.robot[25:], seen, setup))
+            said = [(one.values["name"], one.values["row"]) for one in found.findings]
+            assert found.changed and said == ([(what, 6)] if since else [])

@@ -58,6 +58,10 @@ MIN_PROBABILITY_NAMED, MIN_PROBABILITY_OF_SET = 0.98, 0.995
 MIN_PROBABILITY_LISTED = 0.01
 # A cause is named only if all others have this much more of deviance + p.
 MIN_DEVIANCE_LEAD = 1.0
+# A move among the new poses is one of at least so many, and explains more than one of all by this (chi-square), besides
+# what the choice of the pose gains by chance.
+MIN_POSES_OF_MOVE = 3
+MIN_GAIN_OF_LATER_MOVE = 10.0
 # From three poses on one that is wrong can be separated from a change.
 MIN_POSES_FOR_ONE_WRONG = 3
 
@@ -221,6 +225,23 @@ def _log_evidence(
         left = max(evidence.d2 - float(z @ np.linalg.solve(M, z)), 0.0)
         logs.append(-0.5 * reference.deviance(left) - 0.5 * float(np.linalg.slogdet(M)[1]))
     return float(logsumexp(logs)) - float(np.log(len(logs)))
+
+
+def later_move(evidence: NewRows, columns: Mapping[str, Array]) -> tuple[str, int] | None:
+    """Return whether camera or target moved among the new poses, and the first pose after it; None if it did not.
+
+    The move of all poses that explains most is compared with that of the poses from each one on.
+    """
+    m, moves = len(evidence.r), (CAMERA_MOVED, TARGET_MOVED)
+    whole = max(evidence.explained_by(columns[name]).gain for name in moves)
+    best, found = whole + MIN_GAIN_OF_LATER_MOVE + 2.0 * float(np.log(2 * m)), None
+    for name in moves:
+        for row in range(MIN_POSES_OF_MOVE - 1, m - MIN_POSES_OF_MOVE + 1):
+            C = columns[name].copy()
+            C[:row] = 0.0
+            if (gain := evidence.explained_by(C).gain) > best:
+                best, found = gain, (name, row)
+    return found
 
 
 def distances(evidence: NewRows) -> Array:

@@ -41,6 +41,7 @@ from .causes import (
     columns_of_causes,
     compare_causes,
     distances,
+    later_move,
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
 from .joined_poses import common_poses
@@ -197,6 +198,10 @@ def _of_change(
         return CANNOT_TELL, [other]
     if first is not None and first.name == ONE_POSE:
         return CANNOT_TELL, [Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n})]
+    if (since := later_move(evidence, columns_of_causes(evidence, poses.setup))) is not None:
+        name, row = since
+        values = {"name": name, "setup": poses.setup, "row": row, "n": poses.n}
+        return CHANGED, [Finding("maintenance.moved_since", "caution", values)]
     if not causes.explained:
         return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left})]
     return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []

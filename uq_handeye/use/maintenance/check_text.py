@@ -27,7 +27,8 @@ _STATUS = {UNCHANGED: "ok", CHANGED: "failed", CANNOT_TELL: "caution"}
 def check_document(result: ChangeCheck) -> list[list[Block]]:
     """Return the answer, what these poses would have shown, and what has changed."""
     blocks: list[Block] = [Answer(f"{result.status.upper()}: {_answer(result)}", _STATUS[result.status])]
-    if result.changed:
+    later = any(finding.code == "maintenance.moved_since" for finding in result.findings)
+    if result.changed and not later:  # causes are those of a change before all new poses
         blocks += [Paragraph(line, hang="  ") for line in _causes(result)]
     blocks += [Paragraph(str(finding), hang="  ") for finding in result.findings]
     if not any(finding.code in MISREAD for finding in result.findings):  # or the numbers would mean nothing

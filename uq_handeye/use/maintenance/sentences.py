@@ -118,3 +118,12 @@ def _(old: int, new: int) -> str:
         f"{new} new pose{'' if new == 1 else 's'} updated the joint covariance of the result of {old} poses, which "
         "were not fitted again: its file lacks them, or not all is the same. Residuals are of the old poses."
     )
+
+
+@sentence("maintenance.moved_since", rows=("row",))
+def _(name: str, setup: str, row: int, n: int) -> str:
+    what = "camera" if name == "X" else "target"
+    return (
+        f"The {what} moved from new pose {row} on (of {n}, counted from 0): the poses before it agree with the "
+        f"calibration. Check the poses from {row} on by themselves for the size of the move."
+    )
