@@ -121,7 +121,7 @@ def truth(rng: np.random.Generator, lens: str) -> tuple[Any, Any]:
 
 
 def one_set(kind: str, seed: int) -> dict[str, Any]:
-    """What is found of the numbers given, and the error of X."""
+    """Return what is found of the numbers given, and the error of X."""
     rng = np.random.default_rng([SEED, *map(ord, kind), seed])
     _, lens, given = KINDS[kind]
     k, d = truth(rng, lens)

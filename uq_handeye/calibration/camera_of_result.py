@@ -25,7 +25,7 @@ from ..core.formatting.numbers import short
 from ..core.geometry.se3 import Array
 from ..core.numbers.rounding import SOLUTION_ROUNDING
 from ..errors import InputError
-from ..findings import Finding
+from ..findings import Finding, Severity
 from ..fit.likelihood.gauss_helmert import Fit
 from ..model.camera.adjustment.bundle import Sight, poses_only
 from ..model.camera.calibrated import Calibrated
@@ -75,7 +75,7 @@ def corrected_camera(result: Estimated) -> CameraCalibration | None:
     fitted = poses_only(moved, seen.corners, bundle.poses, bundle.used, bundle.weights)
     counts = bundle.used * np.sqrt(bundle.weights)[seen.corners.picture]
     _, A, B = Sight.of(bundle.model, bundle.shape, seen.corners, counts).rows(moved.parameters, fitted.poses)
-    G = -np.linalg.solve(B.mT @ B, B.mT @ A)
+    G = np.asarray(-np.linalg.solve(B.mT @ B, B.mT @ A), dtype=np.float64)
     G[..., ~bundle.free] = 0.0
     corrected = replace(
         fitted,
@@ -126,7 +126,7 @@ def moved_intrinsics(seen: Calibrated | None, noise: Noise, posterior: Posterior
     ]  # fmt: skip
     p_value = float(chdtrc(int(kept.sum()), chi2))
     sigma = float(-ndtri(0.5 * p_value)) if p_value > 1e-300 else float(np.sqrt(chi2))
-    severity = "caution" if sigma >= CAUTION_SD else "note"
+    severity: Severity = "caution" if sigma >= CAUTION_SD else "note"
     return [Finding("calibration.intrinsics_moved", severity, {"numbers_moved": numbers, "sigma": sigma})]
 
 

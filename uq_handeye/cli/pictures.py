@@ -4,12 +4,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..core.files.lines import floats
 from ..core.runtime.progress import working
 from ..errors import InputError
 from .boards import BoardOptions
 from .messages import LOG, progress_wanted, timed
 from .options import Options
-from .values import floats, one_of
+from .values import one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:
