@@ -331,7 +331,7 @@ def _alike(bundle: Bundle, candidates: Sequence[Candidate]) -> list[Finding]:
     ]
     sd = float(np.sqrt(np.trace(bundle.covariance[2:4, 2:4]))) / f
     angle, lens = max(others, default=(0.0, ""))
-    if angle <= sd:
+    if sd == 0.0 or angle <= sd:  # an exact centre belongs to the user's model
         return []
     values = {"lens": lens, "angle": angle, "std": sd}
     return [Finding("camera.models_alike", "caution" if angle > MAX_MODEL_ANGLE_SD * sd else "note", values)]
