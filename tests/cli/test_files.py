@@ -173,7 +173,7 @@ def test_a_result_that_is_not_usable_is_not_exported(tmp_path):
     result.to_json(tmp_path / "result.json")
     done = run("export", "result.json", "x.urdf", cwd=tmp_path)
     assert done.returncode == 3 and done.stdout == ""
-    assert done.stderr.startswith("uq-handeye: error: result.json is not usable, so nothing was exported: ")
+    assert done.stderr.startswith("uq-handeye: error: result.json is NOT USABLE, so nothing was exported: ")
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "x.urdf").exists()
 
 

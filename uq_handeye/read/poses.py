@@ -18,6 +18,7 @@ from ..core.files.source import Source
 from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.frames import CAMERA_CONVENTIONS, SETUPS
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MIN_POSES
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
 from ..fit.input_checks.repeated_rows import SAME_NUMBER
@@ -252,7 +253,7 @@ def _of_files(robot_file: StrPath | None, camera: StrPath | None, request: ReadR
         sources = _noted(sources, len(sources) - 1, paths[1], [note])
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
     match = match_times(sides[0], sides[1], request.tolerance) if request.pair == "time" else None
-    if match is None:
+    if match is None and min(map(len, sides)) >= MIN_POSES:
         require_as_many(sides[0], sides[1])
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
     chosen = chosen_readings(sides, units, forms, frames, rows, setup)

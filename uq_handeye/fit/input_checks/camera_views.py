@@ -50,7 +50,8 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
         better = [one for one in readings if one["seen"] >= SEEN_SHARE]
         better.sort(key=lambda one: one["spread"])
         values: dict[str, Any] = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
-        return [Finding("input_checks.target_unseen", "caution", values)]
+        # without a likelier reading it may well be a tracker
+        return [Finding("input_checks.target_unseen", "caution" if better else "note", values)]
     if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
         return []
     off = _off_axis(C)
