@@ -144,15 +144,15 @@ def one_set(kind: str, seed: int) -> dict[str, Any]:
     text = "; ".join([*found[0].values["explanations"], *(one["name"] for one in found[0].values["contradicted"])]) if (
         found
     ) else ""  # fmt: skip
-    e = error(result.X, X)
+    e, S = error(result.X, X), np.asarray(result.covariance)
     return {
         "kind": kind, "found": bool(found), "usable": result.usable, "named": text,
         "right_name": bool(found) and any(name in text for name in NAMES.get(kind, ())),
         "sigma": found[0].values["sigma"] if found else 0.0,
-        "d2": float(e @ np.linalg.solve(result.covariance, e)),
+        "d2": float(e @ np.linalg.solve(S, e)),
         "deg": float(np.degrees(np.linalg.norm(e[:3]))), "mm": 1e3 * float(np.linalg.norm(e[3:])),
-        "sd_deg": float(np.degrees(np.sqrt(np.trace(result.covariance[:3, :3])))),
-        "sd_mm": 1e3 * float(np.sqrt(np.trace(result.covariance[3:, 3:]))),
+        "sd_deg": float(np.degrees(np.sqrt(np.trace(S[:3, :3])))),
+        "sd_mm": 1e3 * float(np.sqrt(np.trace(S[3:, 3:]))),
     }  # fmt: skip
 
 

@@ -177,8 +177,8 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def findings(tables: Tables) -> str:
-    rows = tables["sequences"]
-    lines = summary(rows)
+    rows: Any = tables["sequences"]
+    lines: Any = summary(rows)
     shown = [
         {
             "track": one.track,
@@ -207,9 +207,9 @@ def findings(tables: Tables) -> str:
 
 
 def figures(tables: Tables) -> dict[str, Figure]:
-    rows = tables["sequences"]
+    rows: Any = tables["sequences"]
+    lines: Any = summary(rows)
     solvers = [name for name in rows if name.startswith(SOLVER)]
-    lines = summary(rows)
     figure = canvas(3.6)
     axis = figure.subplots()
     for k, one in enumerate(lines.itertuples()):
