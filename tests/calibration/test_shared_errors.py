@@ -203,7 +203,7 @@ def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
     focal = by_default.shared[0]
     assert rows["focal length"][0] == f"{100 * focal.size:.2g} % (default)"
     assert rows["focal length"][2] == f"{100 * focal.share:.1f} %"
-    assert rows["focal length"][1].endswith(") %") and rows["principal point x"][0] == "1 mrad (default)"
+    assert rows["focal length"][1].endswith(") %") and rows["principal point x"][0].endswith(" mrad (default)")
     assert rows["robot scale"][0][0].startswith("not declared: the residuals indicate ")
     declared = quietly(poses, noise=NOISE, shared=[SHARED.robot_scale("0.01%")])
     found = {row[0]: row[1:] for row in shared_table(declared).rows}

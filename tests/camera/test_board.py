@@ -162,7 +162,7 @@ def test_sixteen_bits_and_colour(rng, tmp_path):
         ({"rows": 10**6}, "`rows` of the board to be at most 200"),
         ({"square": 0.0}, "`square` to be a length above 0"),
         ({"square": "20"}, "`square` to carry a unit"),
-        ({"kind": "circles"}, "`kind` to be chessboard, charuco, "),
+        ({"kind": "rings"}, "`kind` to be chessboard, charuco, "),
         ({"marker": 0.01}, "no markers"),
         ({"kind": "charuco"}, "Expected `marker`"),
         ({"kind": "charuco", "marker": 0.03}, "smaller than `square`"),

@@ -233,7 +233,7 @@ def test_the_table(folder):
     assert isinstance(uq.read_noise_file(folder / "all.toml"), uq.PoseNoise)
     assert uq.read_noise_file(folder / "shared.toml") is None
     result = uq.calibrate(poses, noise=MODEL, shared=errors)
-    assert "two 2" in [entry.name for entry in result.shared]
+    assert "two: 2" in [entry.name for entry in result.shared]
 
 
 def columns(**changes):

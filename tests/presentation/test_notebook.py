@@ -79,9 +79,9 @@ def test_noise_says_what_is_known_of_each_side():
 def test_points_have_their_deviations_and_what_is_open():
     S = np.array([np.diag([1e-6, 4e-6, 1e-6]), np.diag([1e-6, np.inf, 1e-6])])
     made = PointUncertainty(np.array([[0.1, 0.2, 0.3]] * 2), S, "base")
-    assert repr(made) == "PointUncertainty(2 points in the base frame: 95 % radius 5.6 to open)"
+    assert repr(made) == "PointUncertainty(2 points in the base frame: 95 % radius 4.2 to open)"
     text = words(made._repr_html_())
-    assert "100.0(1.0) 200.0(2.0) 300.0(1.0) 5.6" in text and "200(open)" in text
+    assert "100.0(1.0) 200.0(2.0) 300.0(1.0) 4.2" in text and "200(open)" in text
     many = PointUncertainty(np.zeros((3, 100, 3)), np.zeros((3, 100, 3, 3)), "gripper")
     assert "300 points in the gripper frame" in words(many._repr_html_())
     assert len(many._repr_html_()) < 120_000

@@ -72,6 +72,7 @@ def test_far_from_the_origin(rng):
     np.testing.assert_allclose(whitened(far.propagate(noise, X), near.propagate(noise, X)), 1, atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:The target is ahead")  # poses anywhere
 def test_small_rotations_are_left_to_the_pairs(rng):
     for angle, precise in ((0.3, True), (0.001, False)):
         robot = random_transforms(rng, (10,), smallest=0.1 * angle, largest=angle)
