@@ -132,10 +132,10 @@ def ours(sequence: Any) -> dict[str, Any]:
     seconds = time.process_time() - start
     assert isinstance(result, uq.Calibration) and result.W is not None
     X, W = (sequence.X, sequence.Y) if sequence.eye_in_hand else (sequence.Y, sequence.X)
-    error = (X if sequence.eye_in_hand else W)[:3, 3] - (result.X if sequence.eye_in_hand else result.W)[:3, 3]
+    off = (X if sequence.eye_in_hand else W)[:3, 3] - (result.X if sequence.eye_in_hand else result.W)[:3, 3]
     failures = [one.code for one in result.findings if one.severity == "failure"]
     status = "unusable" if failures else "usable" if result.opened is None else "open"
-    row = {"status": status, "why": ", ".join(failures), "seconds": seconds, "error_mm": 1e3 * np.linalg.norm(error)}
+    row = {"status": status, "why": ", ".join(failures), "seconds": seconds, "error_mm": 1e3 * np.linalg.norm(off)}
     if result.covariance is not None and result.opened is None:
         row["d2"] = _d2(result.X, X, result.covariance)
     table = result.table
@@ -152,7 +152,7 @@ def _d2(found: Array, true: Array, covariance: Array) -> float:
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Return one line per track."""
-    solvers = [name for name in rows if name.startswith(SOLVER)]
+    solvers = [name for name in map(str, rows) if name.startswith(SOLVER)]
     lines = []
     for track in rows.track.unique():
         of = rows[rows.track == track]
