@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..calibration.report.budget import budget_table
-from ..calibration.report.first_screen import next_step
+from ..calibration.report.first_screen import advice
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import limit_of, point_ahead, suits_of
 from ..calibration.statement.tolerance import Verdict
@@ -41,7 +41,7 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
         also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values())
     ):
         number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
-    if (step := next_step(result)) is not None:
+    if (step := advice(result)) is not None:
         number.append(Paragraph(f"Next: {step}."))
     checks, subject = Checks.of(result.checks), result.facts.subject
     rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]

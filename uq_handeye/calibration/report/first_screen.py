@@ -237,15 +237,27 @@ def next_step(result: Calibration, report: str | None = None) -> str:
 
     ``report`` is the name of the report that was written.
     """
-    first = [finding for finding in result.cautions if finding.record.first]  # explain the others
-    if found := step_after([*first, *result.cautions]):
+    found = step_of_cautions(result)
+    if found is not None:
         return found.replace("--report report.html", report) if report else found
-    accuracy = result.accuracy
-    if accuracy is None:
-        return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
-    if report is not None:
+    if result.accuracy is not None and report is not None:
         return f"open {report}"
-    return _about_largest(result, accuracy) or "add --report report.html for two pages to file"
+    return advice(result) or "add --report report.html for two pages to file"
+
+
+def advice(result: Calibration) -> str | None:
+    """Return what to do about the data or the noise, None where there is nothing."""
+    if (found := step_of_cautions(result)) is not None:
+        return found
+    if (accuracy := result.accuracy) is None:
+        return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
+    return _about_largest(result, accuracy)
+
+
+def step_of_cautions(result: Calibration) -> str | None:
+    """Return the advice of the cautions, first of those that explain others."""
+    first = [finding for finding in result.cautions if finding.record.first]
+    return step_after([*first, *result.cautions])
 
 
 def step_after(findings: Sequence[Finding]) -> str | None:
