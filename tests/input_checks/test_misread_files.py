@@ -213,15 +213,21 @@ def test_both_files_inverse_and_swapped_files(good, distance):
 @pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m"), ("2m", "4m")])
-def test_a_rig_with_a_long_bracket_is_left_alone(setup, distance):
+def test_files_of_a_rig_with_a_long_bracket_are_left_alone(setup, distance):
     """A sensor on the gripper may sit far from it, the rest near the base, as long as the camera looks at the
-    target.
+    target; of a camera more than 0.5 m away, the measured place is asked for.
     """
     on_gripper, fixed = np.eye(4), np.eye(4)
     on_gripper[:3, 3], fixed[:3, 3] = (0.0, 0.0, 0.6), (0.2, 0.05, 0.1)
     X, W = (on_gripper, fixed) if setup == "eye-in-hand" else (fixed, on_gripper)
     poses = uq.simulate(15, noise=NOISE, setup=setup, X=X, W=W, distance=distance, seed=1)
-    assert lengths_warned_of(poses) == ""
+    text = lengths_warned_of(poses)
+    if setup == "eye-in-hand":
+        assert re.fullmatch(
+            r"The camera would sit (0\.6|0\.599) m from the gripper\. Check.* measured place: [^|]*", text
+        )
+    else:
+        assert text == ""
     other = "eye-to-hand" if setup == "eye-in-hand" else "eye-in-hand"  # the same numbers where they are wrong
     wrong = uq.simulate(15, noise=NOISE, setup=other, X=X, W=W, distance=distance, seed=1)
     assert "would sit" in lengths_warned_of(uq.PosePairs(inverse(wrong.robot), inverse(wrong.camera), other))

@@ -75,11 +75,9 @@ def test_columns_hold_an_elbow_that_is_elsewhere_at_all_poses(sign):
     away = q + sign * 0.2 * along * np.sign(along[:, 2:3])
     change = errors.columns(arm, away).F - joints.F
     weight = np.repeat([0.3, 1.0], 3)[:, None]
-    for group in dict.fromkeys(joints.groups):
-        of = np.array([name.startswith(f"{group}: elbow elsewhere") for name in found.names])
-        D = change[
-            ..., [name == group and "frame" not in part for name, part in zip(joints.groups, joints.names, strict=True)]
-        ]
+    for group in dict.fromkeys(key.kind for key in joints.keys):
+        of = found.of(group) & [str(key.index).startswith("elbow elsewhere") for key in found.keys]
+        D = change[..., joints.of(group) & ["frame" not in str(key.index) for key in joints.keys]]
         K, D = ((weight * x).reshape(180, -1) for x in (found.F[..., of], D))
         left = D - K @ np.linalg.lstsq(K, D, rcond=None)[0]
         assert K.shape[1] < 60 and (left**2).sum() < 0.1 * (D**2).sum(), group
