@@ -48,7 +48,7 @@ from ...model.noise.square_roots import Covariance
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm
 from ...model.shared_errors.shared_error import SharedError
-from ...model.shared_errors.view import view_block
+from ...model.shared_errors.view import lines_of_sight, view_block
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..likelihood.starts import ROUGH_STEP_SD
@@ -71,7 +71,7 @@ MAX_RESOLVED_SPREAD = 0.6
 # Half the width of an interval of a normal distribution, in standard deviations.
 INTERVAL_SD = float(ndtri(0.5 * (1.0 + INTERVAL.probability)))
 
-_TURN, _SHIFT, _ALONG = np.eye(6)[:, :3], np.eye(6)[:, 3:], np.eye(6)[:, 5:]
+_TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ class JointModel:
             if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
                 block = view_block(self.poses.camera) if self.by_view is None else self.by_view
                 found.append(ErrorTerm(BY_VIEW, side, SIZES[BY_VIEW], block=block))
-                found.append(ErrorTerm(DEPTH, side, SIZES[DEPTH], block=_ALONG))
+                found.append(ErrorTerm(DEPTH, side, SIZES[DEPTH], block=lines_of_sight(self.poses.camera)))
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
             keys = _keys(self.robot, ROBOT_SHARED)

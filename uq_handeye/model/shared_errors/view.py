@@ -105,6 +105,16 @@ def view_block(
     return np.asarray(root)
 
 
+def lines_of_sight(camera: Array) -> Array:
+    """(n, 6, 1) a move of poses (n, 4, 4) by one metre away from the camera: the depth, which is noisier than the side.
+
+    It does not depend on the orientation of the camera's frame.
+    """
+    t = camera[:, :3, 3]
+    u = t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12)
+    return np.pad(u, [(0, 0), (3, 0)])[..., None]
+
+
 def target_centre(camera: Array, distance: float) -> Array:
     """(3,) about where cameras look at a target, in its frame: the point c seen in the same direction, in its plane.
 
