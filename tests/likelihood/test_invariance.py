@@ -87,7 +87,7 @@ def test_x_is_the_same(what, known):
 
 @pytest.mark.slow
 def test_x_is_the_same_however_a_target_is_turned_whose_normal_is_not_z():
-    """Views across z contradict the convention: the axis near their mean direction is the normal, however it is spun."""
+    """Views across z contradict the convention: the axis near their mean direction is the normal, at any spin."""
     for seed in range(6):
         poses, rng = spoiled(seed)
         found = []
