@@ -14,6 +14,11 @@ from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
 from uq_handeye.model.kinematics.arms.known_arms import about_flange
 
+# Wide motions about a camera that does not follow its target.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:The target is ahead"),
+    pytest.mark.filterwarnings("ignore:The camera sees its target"),
+]
 LARGE = {"joint offsets": 2e-2, "joint tilts": 1e-2, "link lengths": 2e-3}
 NOISE = uq.PoseNoise.isotropic(None, (3e-4, 1e-4))
 FRAMES = (motion((0.0, 0.0, 2.0), (0.4, -0.1, 0.8)), motion((0.0, 0.0, 0.8), (0.0, 0.01, 0.15)))

@@ -265,7 +265,7 @@ def test_too_few_robot_poses_for_the_pictures(rig, tmp_path):
     write_pose_file(tmp_path / "robot.csv", uq.read_poses(folder / "robot.csv", folder / "robot.csv").robot[:8])
     done = run("calibrate", tmp_path / "robot.csv", "--images", "img/*.png", *BOARD, "--model", "pinhole", cwd=folder)
     assert done.returncode == 2
-    assert "robot.csv has 8 poses and the pictures 9 pictures, 1 of them without a board: picture k" in done.stderr
+    assert "robot.csv has 8 poses, and there are 9 pictures: expected a robot pose for each" in done.stderr
 
 
 def test_names_that_are_written_down_once_more():

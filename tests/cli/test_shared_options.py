@@ -163,8 +163,12 @@ def test_sizes_by_name(folder):
 
     given, found = sized("robot accuracy=0.3mm,2", "target scale = 0.01%")
     assert given == {"robot accuracy": [3e-4, 2.0], "target scale": [pytest.approx(1e-4), 1.0]}
-    assert found["target scale"]["known"] and found["target scale"]["size"] == pytest.approx(1e-4)
-    assert not found["robot accuracy"]["known"] and 3e-5 < found["robot accuracy"]["size"] < 3e-3
+    known = found["target scale"]
+    assert known["low"] == known["high"] and known["size"] == pytest.approx(1e-4)
+    assert (
+        found["robot accuracy"]["low"] < found["robot accuracy"]["high"]
+        and 3e-5 < found["robot accuracy"]["size"] < 3e-3
+    )
     more = sized("robot accuracy=3mm,1.2")[1]["robot accuracy"]["size"]
     assert more > 2 * found["robot accuracy"]["size"] and sized()[0] is None
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.geometry.rotations import Rotation
-from ...core.geometry.se3 import Array, inverse
+from ...core.geometry.se3 import Array, inverse, logarithm
 from ...findings import Finding, Severity
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.target_views import STEADY_VIEW, direction_spread
@@ -30,7 +29,7 @@ def check_place(poses: PosePairs, X: Array, covariance: Array) -> list[Finding]:
     The sensor would sit in the frame that carries it, which nobody builds: the poses of one file were computed from
     those of the other, or both files are of one frame.
     """
-    xi = np.concatenate([Rotation.from_matrix(X[:3, :3]).as_rotvec(), X[:3, 3]])
+    xi = np.concatenate([logarithm(X[:3, :3]), X[:3, 3]])
     move, turn = float(np.linalg.norm(xi[3:])), float(np.linalg.norm(xi[:3]))
     sd_move, sd_turn = (float(np.sqrt(np.trace(covariance[k : k + 3, k : k + 3]))) for k in (3, 0))
     sharp = sd_move < MAX_IDENTITY_SD_M and 0.0 < sd_turn < MAX_IDENTITY_SD_RAD

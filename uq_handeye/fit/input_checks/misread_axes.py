@@ -7,7 +7,8 @@ translations of one side, which is a factor times the identity where nothing is 
 
 (eye-to-hand: the robot's equation is that of the inverse, ``R_X t_C + t_X = R_G t_W + M t_G`` with its own poses). M is
 estimated by least squares from the poses that agree in rotation. It is reported where it explains the translations far
-better than a factor does, and is near a matrix that negates, exchanges or scales axes.
+better than a factor does, and is near a matrix that negates, exchanges or scales axes. Errors of an arm that grow over
+its workspace look like a matrix, too: an axis is scaled only where its scale alone explains as much as the matrix.
 """
 
 from __future__ import annotations
@@ -30,11 +31,16 @@ MIN_POSES_FOR_AXES = 10
 DECISIVE_RATIO, MAX_CHANCE = 1.3, 1e-5
 # Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
 UNKNOWNS, BEYOND_A_FACTOR = 15, 8
+# The scale of one axis explains as much as the matrix where the root mean square is larger by less than this, or by no
+# more than chance makes it with this probability.
+AS_GOOD_RATIO, MIN_CHANCE_OF_THE_REST = 1.1, 1e-3
 # Rotations across the main axis have at least this share of the squares.
 MIN_ACROSS_SHARE = 0.02
 # Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
 MIN_SCALED, MAX_SHEAR = 0.03, 0.2
 AXES = "xyz"
+# M that is a factor, row by row.
+FACTOR = np.eye(3).reshape(9, 1)
 
 
 def misread_axes(poses: PosePairs) -> Reading | None:
@@ -45,15 +51,26 @@ def misread_axes(poses: PosePairs) -> Reading | None:
     now = agreement(poses.effective_robot, poses.camera)
     if now is None or now.counts is None or now.counts.sum() < MIN_POSES_FOR_AXES:
         return None
+    dof = 3 * int(now.counts.sum()) - UNKNOWNS
     for side in ("camera", "robot"):
         system = _system(poses, side, now)
-        before, _, _ = _solved(*system, False, now.counts)
-        after, M, trusted = _solved(*system, True, now.counts)
-        if trusted and _needed(before, after, 3 * int(now.counts.sum()) - UNKNOWNS):
-            found.append((after, before, side, M))
-    for after, before, side, M in sorted(found, key=lambda one: one[0]):
-        if (said := _kind(M)) is not None:
-            return {"kind": "axes", "file": side, "before": before, "after": after, **said}
+        before, _, _ = _solved(*system, FACTOR, now.counts)
+        after, M, trusted = _solved(*system, np.eye(9), now.counts)
+        if trusted and _needed(before, after, dof):
+            found.append((after, before, side, M, system))
+    for after, before, side, M, system in sorted(found, key=lambda one: one[0]):
+        if (said := _kind(M)) is None:
+            continue
+        if "scaled" in said:
+            axis = AXES.index(str(said["scaled"]))
+            alone, M, trusted = _solved(*system, np.column_stack([FACTOR, np.eye(9)[:, 4 * axis]]), now.counts)
+            if not (trusted and _needed(before, alone, dof, 1) and _as_well(alone, after, dof)):
+                continue
+            after, factor = alone, float(M[axis - 1, axis - 1] / M[axis, axis])
+            if abs(np.log(abs(factor))) < MIN_SCALED:
+                continue
+            said = said | {"factor": factor}
+        return {"kind": "axes", "file": side, "before": before, "after": after, **said}
     return None
 
 
@@ -65,12 +82,21 @@ def _several_axes(robot: Array) -> bool:
     return bool(spread[0] + spread[1] > MIN_ACROSS_SHARE * spread[2])
 
 
-def _needed(before: float, after: float, dof: int) -> bool:
-    """Return whether the matrix explains the translations far better than a factor: RMS before and after it."""
-    if before <= DECISIVE_RATIO * after or dof <= 0:
-        return False
-    F = (before**2 / max(after**2, 1e-300) - 1.0) * dof / BEYOND_A_FACTOR
-    return bool(fdtrc(BEYOND_A_FACTOR, dof, F) < MAX_CHANCE)
+def _needed(before: float, after: float, dof: int, more: int = BEYOND_A_FACTOR) -> bool:
+    """Return whether so many more unknowns explain the translations far better than a factor: RMS before and after."""
+    return before > DECISIVE_RATIO * after and dof > 0 and _chance(before, after, dof, more) < MAX_CHANCE
+
+
+def _as_well(alone: float, after: float, dof: int) -> bool:
+    """Return whether the scale of one axis explains the translations as well as the whole matrix does."""
+    if alone < AS_GOOD_RATIO * after:
+        return True
+    return alone < DECISIVE_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > MIN_CHANCE_OF_THE_REST
+
+
+def _chance(before: float, after: float, dof: int, more: int) -> float:
+    """Return the probability that chance lets so many more unknowns reduce the RMS as much (F test)."""
+    return float(fdtrc(more, dof, max(before**2 / max(after**2, 1e-300) - 1.0, 0.0) * dof / more))
 
 
 def _system(poses: PosePairs, side: str, at: Agreement) -> tuple[Array, Array, Array]:
@@ -99,10 +125,10 @@ def _columns(left: Array, t: Array) -> Array:
 
 
 def _solved(
-    fixed: Array, columns: Array, rest: Array, free: bool, counts: NDArray[np.bool_]
+    fixed: Array, columns: Array, rest: Array, basis: Array, counts: NDArray[np.bool_]
 ) -> tuple[float, Array, bool]:
-    """Return the RMS of the translations, M, and whether it is determined; M is a factor unless it is ``free``."""
-    columns = columns if free else columns @ np.eye(3).reshape(9, 1)
+    """Return the RMS of the translations, M in the span of a basis (9, k), and whether it is determined."""
+    columns = columns @ basis
     A = np.concatenate([fixed, columns], axis=2)
     among, M, trusted = counts, np.eye(3), True
     distance = np.zeros(len(rest))
@@ -112,7 +138,7 @@ def _solved(
         solution, _, rank, _ = np.linalg.lstsq(left / scale, right, rcond=1e-4)
         solution = solution / scale
         trusted = bool(rank == A.shape[2])
-        M = solution[6:].reshape(3, 3) if free else solution[6] * np.eye(3)
+        M = (basis @ solution[6:]).reshape(3, 3)
         distance = np.linalg.norm(A @ solution + rest, axis=1)
         level = OUTLIER_RATIO * float(np.median(distance[among]))
         kept = counts & (distance <= level)

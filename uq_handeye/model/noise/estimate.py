@@ -18,7 +18,7 @@ from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding
-from ..error_terms.estimate import ErrorEstimate
+from ..error_terms.estimate import SHOWN, ErrorEstimate
 from ..error_terms.key import ErrorKey, Kind, Owner
 from ..error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
 from .joint_covariance import JointCovariance
@@ -195,7 +195,13 @@ class NoiseEstimate(Record):
         if sides is not None:
             kind = PairNoise if "A" in sides else PoseNoise
             noise = kind(**{name: _side_from_dict(side) for name, side in sides.items()})
-        return cls(**parts_of(cls, data, "noise_estimate", noise=noise))
+        found = cls(**parts_of(cls, data, "noise_estimate", noise=noise))
+        for component in found.components:
+            if component.unit not in SHOWN:
+                raise InputError(
+                    f"Expected the unit of {component.name} to be rad, m or px, got {component.unit!r:.40}."
+                )
+        return found
 
 
 def _side_to_dict(S: Array | JointCovariance) -> Json:
