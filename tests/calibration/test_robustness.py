@@ -76,8 +76,8 @@ def test_clean_data_are_silent_and_whole():
         result = quietly(uq.simulate(20, noise=NOISE, seed=np.random.default_rng([SEED, seed])))
         flagged = result.table.flagged
         assert [k for k, w in enumerate(result.table.weight) if w < 1] == flagged
-        for k in flagged:
-            assert any(f"pose {k} (" in text for text in result.warnings)
+        for k in flagged:  # one that chance may have made is a note
+            assert any(f"pose {k} (" in str(finding) for finding in result.findings)
         assert json.loads(result.to_json())["warnings"] == list(result.warnings)
         silent += not result.warnings
     # 20 poses at one in 1000, and a few tests at one in 1000

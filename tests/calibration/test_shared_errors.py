@@ -52,8 +52,10 @@ def test_the_total_says_what_it_includes(poses, by_default):
     first = flat(by_default.summary(verbose=True))
     assert f"is known to {sigma:.2g} mm and " in first
     focal = f"{100 * by_default.shared[0].size:.2g} %"
-    said = f"This total includes what all poses share: focal length {focal}, principal point 1 mrad (default), target "
-    assert said in first  # the size of the focal length was found
+    point = f"{1e3 * by_default.shared[1].size:.2g} mrad"
+    said = f"This total includes what all poses share: focal length {focal}, principal point {point}, target scale "
+    assert included_words(by_default).startswith(said)  # their sizes were found
+    assert f"focal length {focal} " in first
     without = quietly(poses, shared=[])
     assert included_words(without) == "Errors that all poses share are not included."
     assert included_words(without) in flat(without.summary(verbose=True)) and included_words(without) in flat(
@@ -99,7 +101,9 @@ def test_numbers_of_one_error_are_one_row_and_one_source(poses):
     assert (group.name, group.count) == ("waves", 8)
     rows = {row[0]: row[1:] for row in shared_table(result).rows}
     assert rows["waves (8)"][0] == "1 mm (declared)" and "waves: 1" not in rows
-    assert rows["waves (8)"][1].startswith("RMS ") and rows["waves (8)"][1].endswith(f"told {100 * group.told:.0f} %")
+    assert rows["waves (8)"][1].startswith("RMS ") and rows["waves (8)"][1].endswith(
+        f"told {100 * group.resolved:.0f} %"
+    )
     assert included_words(result).endswith("focal length 0.1 %, waves 1 mm.")
     assert result.budget.sources.count("waves") == 1 and "waves: 1" not in result.budget.sources
     of = result.budget.covariances[result.budget.sources.index("waves")][:6, :6]
@@ -170,7 +174,7 @@ def test_declared_errors_stand_beside_the_other_defaults_where_noise_is_estimate
     bent = replace(poses, truth=None, timestamps=None)
 
     def of(**options):
-        return sorted({error.error for error in quietly(bent, **options).shared})
+        return sorted({str(error.key.error) for error in quietly(bent, **options).shared})
 
     defaults = of()
     assert of(shared=[SHARED.focal_length("0.3%")]) == defaults and of(shared=[]) == []

@@ -182,9 +182,15 @@ BAD_FILES = {
         ["robot.csv, line 1", "timestamp,x,y,z,qx,qy,qz,qw", "docs/"],
     ),
     "text": (lambda lines: [*lines[:3], lines[3].replace(",", ",zero,", 1).rsplit(",", 1)[0]], ["line 4", "column x"]),
-    "nan": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",nan", lines[3])], ["line 4", "column qw", "nan"]),
-    "inf": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",inf", lines[3])], ["line 4", "column qw", "inf"]),
-    "norm": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",2", lines[3])], ["line 4", "norm"]),
+    "nan": (
+        lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",nan", lines[3]), *lines[4:]],
+        ["line 4", "column qw", "nan"],
+    ),
+    "inf": (
+        lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",inf", lines[3]), *lines[4:]],
+        ["line 4", "column qw", "inf"],
+    ),
+    "norm": (lambda lines: [*lines[:3], re.sub(r",[^,]*$", ",2", lines[3]), *lines[4:]], ["line 4", "norm"]),
     "rows": (lambda lines: lines[:-1], ["robot.csv", "camera.csv", "11 poses", "12"]),
     # The time of the row before with other numbers; a row that repeats all of it is left out (test_repeated_rows).
     "twice": (

@@ -165,12 +165,10 @@ def test_sizes_by_name(folder):
     assert given == {"robot accuracy": [3e-4, 2.0], "target scale": [pytest.approx(1e-4), 1.0]}
     known = found["target scale"]
     assert known["low"] == known["high"] and known["size"] == pytest.approx(1e-4)
-    assert (
-        found["robot accuracy"]["low"] < found["robot accuracy"]["high"]
-        and 3e-5 < found["robot accuracy"]["size"] < 3e-3
-    )
+    robot = found["robot accuracy"]
+    assert robot["low"] < robot["high"] and 3e-5 < robot["size"] < 3e-3
     more = sized("robot accuracy=3mm,1.2")[1]["robot accuracy"]["size"]
-    assert more > 2 * found["robot accuracy"]["size"] and sized()[0] is None
+    assert more > 2 * robot["size"] and sized()[0] is None
 
 
 def test_offset_needs_times(folder):

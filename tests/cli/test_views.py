@@ -42,9 +42,9 @@ def rig(tmp_path_factory):
     return folder, X, ",".join(map(str, K)), poses
 
 
-def calibrate(folder, *arguments):
+def calibrate(folder, *arguments, returncode=0):
     done = run("calibrate", "robot.csv", "camera.csv", *arguments, "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == returncode, done.stderr
     return json.loads(done.stdout)
 
 
@@ -88,7 +88,8 @@ def test_what_is_known_of_the_intrinsics_and_of_the_noise(rig):
         matrix = "prior.json" if name == "prior" else K
         alone = ("--pixel-noise", "0.2px", "--no-robust", "--robot-noise", "exact", "--correlation", "none")
         given = ("--camera-matrix", matrix, *more, *alone)
-        found = calibrate(folder, *BOARD, *given)
+        # K is rounded to 10 px, the poses are of pictures with distortion: taken as exact, the residuals contradict it
+        found = calibrate(folder, *BOARD, *given, returncode=3 if name == "exact" else 0)
         sizes[name] = np.sqrt(np.diag(np.array(found["covariance"])))
         assert components(found)["pixel noise"]["status"] == "given"
         assert "robot rotation" not in components(found)  # an exact robot has none
@@ -101,7 +102,7 @@ def test_what_is_known_of_the_intrinsics_and_of_the_noise(rig):
     np.testing.assert_allclose(in_file["covariance"], known["covariance"], rtol=0.02)
     write = poses.camera_calibration
     write.write(folder / "camera")
-    assert components(calibrate(folder, *BOARD, "--camera-matrix", "camera"))["pixel noise"]["value"] > 0
+    assert components(calibrate(folder, *BOARD, "--camera-matrix", "camera"))["pixel noise"]["size"] > 0
 
 
 @pytest.mark.slow
