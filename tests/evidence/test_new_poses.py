@@ -72,7 +72,7 @@ def test_the_errors_of_an_arm_are_those_of_the_calibration(rng):
         poses = uq.simulate(n_poses=OLD + NEW, noise=NOISE, seed=rng)
         old, new = (poses.rows(rows) for rows in (np.arange(OLD), np.arange(OLD, OLD + NEW)))
         bound = accuracy.bound(old)
-        z, other = rng.standard_normal((2, len(bound.parts)))
+        z, other = rng.standard_normal((2, len(bound.keys)))
 
         def with_errors(of, draw, bound=bound):
             return replace(of, robot=perturb(of.robot, bound.at(of) @ (bound.sd * draw)), truth=None)

@@ -159,7 +159,7 @@ def test_pixel_noise_and_robot_noise_are_found_beside_each_other(rng):
     assert found["robot translation"].low < 2e-4 < found["robot translation"].high
     assert found["camera rotation"].status == "by geometry" and "geometry of the views" in found.statement[0]
     assert (
-        len(found.variances) == len(found.names)
+        len(found.variances) == len(found.keys)
         and uq.NoiseEstimate.from_dict(found.to_dict()).to_dict() == found.to_dict()
     )
     assert str(pixels).startswith("pixel noise: 0.1")
