@@ -47,6 +47,15 @@ def test_the_mistake_is_named(setup, side, words):
         assert words.replace(" and ", "") in said.replace(" and ", "")
 
 
+@pytest.mark.parametrize("side", ["camera", "robot"])
+def test_a_scale_is_named_without_noise_and_with_much(side):
+    for noise in (None, uq.PoseNoise.isotropic(robot=("0.1deg", "2mm"), camera=("0.2deg", "2mm"))):
+        poses = _mistaken(uq.simulate(40, noise=noise, seed=SEED), side, MISTAKES["z scaled by 0.8"])
+        found = misread_axes(poses)
+        assert found is not None and (found["file"], found["scaled"]) == (side, "z")
+        assert found["factor"] == pytest.approx(0.8, rel=1e-9 if noise is None else 0.05)
+
+
 @pytest.mark.parametrize("setup", SETUPS)
 def test_good_rigs_have_none(setup):
     for seed in range(40):

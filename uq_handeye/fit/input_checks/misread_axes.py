@@ -34,6 +34,8 @@ UNKNOWNS, BEYOND_A_FACTOR = 15, 8
 # The scale of one axis explains as much as the matrix where the root mean square is larger by less than this, or by no
 # more than chance makes it with this probability.
 AS_GOOD_RATIO, MIN_CHANCE_OF_THE_REST = 1.1, 1e-3
+# What is left of translations without noise, as a share of what there was.
+ROUNDING = 1e-6
 # Rotations across the main axis have at least this share of the squares.
 MIN_ACROSS_SHARE = 0.02
 # Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
@@ -64,12 +66,11 @@ def misread_axes(poses: PosePairs) -> Reading | None:
         if "scaled" in said:
             axis = AXES.index(str(said["scaled"]))
             alone, M, trusted = _solved(*system, np.column_stack([FACTOR, np.eye(9)[:, 4 * axis]]), now.counts)
-            if not (trusted and _needed(before, alone, dof, 1) and _as_well(alone, after, dof)):
+            if not (trusted and _needed(before, alone, dof, 1) and _as_well(before, alone, after, dof)):
                 continue
-            after, factor = alone, float(M[axis - 1, axis - 1] / M[axis, axis])
-            if abs(np.log(abs(factor))) < MIN_SCALED:
+            if (said := _kind(M)) is None or said.get("scaled") != AXES[axis]:
                 continue
-            said = said | {"factor": factor}
+            after = alone
         return {"kind": "axes", "file": side, "before": before, "after": after, **said}
     return None
 
@@ -87,9 +88,9 @@ def _needed(before: float, after: float, dof: int, more: int = BEYOND_A_FACTOR) 
     return before > DECISIVE_RATIO * after and dof > 0 and _chance(before, after, dof, more) < MAX_CHANCE
 
 
-def _as_well(alone: float, after: float, dof: int) -> bool:
+def _as_well(before: float, alone: float, after: float, dof: int) -> bool:
     """Return whether the scale of one axis explains the translations as well as the whole matrix does."""
-    if alone < AS_GOOD_RATIO * after:
+    if alone < AS_GOOD_RATIO * after or alone < ROUNDING * before:
         return True
     return alone < DECISIVE_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > MIN_CHANCE_OF_THE_REST
 
