@@ -54,7 +54,11 @@ def test_docstrings_open_with_an_imperative_or_a_noun_phrase(package):
 @pytest.mark.docs
 @pytest.mark.parametrize("package", ["uq_handeye", "symbolic"])
 def test_texts_use_the_terms_of_the_field(package):
-    found = [f"{at}: {text[:100]}" for at, _, text in texts(package) if text != STATUS and ODD.search(text)]
+    found = [
+        f"{at}: {text[:100]}"
+        for at, _, text in texts(package)
+        if ODD.search(re.sub(rf'^{STATUS}$|"{STATUS}"', "", text))
+    ]
     assert found == []
 
 

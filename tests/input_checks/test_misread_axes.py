@@ -65,7 +65,7 @@ def test_good_rigs_have_none(setup):
 @pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_errors_of_an_arm_are_no_scale_of_an_axis(setup):
-    """Of 20 mrad, over the workspace: a matrix on the translations takes half of them, one scale does not."""
+    """Joint offsets of 20 mrad: a matrix on the translations takes half of them, one scale does not."""
     sd = {"joint offsets": 2e-2, "joint tilts": 1e-2, "link lengths": 2e-3}
     drawn = [rig(np.random.default_rng([SEED, k]), setup, n=15, spread=0.6, sd=sd).poses for k in range(20)]
     assert [misread_axes(poses) for poses in drawn] == [None] * 20

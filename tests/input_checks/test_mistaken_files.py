@@ -1,4 +1,4 @@
-"""Of many cells none has a word that it needs none of, and every mistake of a class is named."""
+"""None of many cells has a word that it needs none of, and every mistake of a class is named."""
 
 import numpy as np
 import pytest

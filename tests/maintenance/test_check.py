@@ -398,7 +398,7 @@ def test_poses_between_those_of_the_calibration_share_its_drift():
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize(("fault", "truth"), [("along", "X"), ("across", "X"), ("longer", "focal length")])
 def test_a_slipped_bracket_and_a_turned_lens_are_the_likeliest_cause(fault, truth):
-    """Of 1 mm along the camera's axis or across it, and 0.5 %: eight new poses, 0.1 m of depth; 70 % of the draws."""
+    """A shift of 1 mm along or across the axis of the camera, and 0.5 %; eight new poses, 0.1 m deep; 70 % named."""
     noise = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
     right, trials = 0, 24
     for k in range(trials):

@@ -1,4 +1,4 @@
-"""What is stated for 95 % follows from one rule: the length that 95 % of the errors are within."""
+"""Statements for 95 % follow from one rule: the length that 95 % of the errors are within."""
 
 import json
 import re

@@ -58,6 +58,6 @@ def radius_95(errors: Array) -> float:
 
 
 def tails_of(errors: Array, S: Array) -> float:
-    """How many times the length that 95 % of errors (N, 3) are within is that of a Gaussian of their covariance S."""
+    """Ratio of the length that 95 % of errors (N, 3) are within to that of a Gaussian of their covariance S."""
     gaussian = float(radius_holding(S))
     return radius_95(errors) / gaussian if gaussian > 0 else 1.0

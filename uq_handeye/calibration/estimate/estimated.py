@@ -277,7 +277,7 @@ class Estimated(Named, Record):
 
     @property
     def translation_open(self) -> bool:
-        """Whether nothing is known of the translations of X and W: no positions were given."""
+        """True if nothing is known of the translations of X and W: no positions were given."""
         return self.opened is not None and len(self.opened.basis) == 6 and not self.opened.basis[:, [0, 1, 2]].any()
 
     @property
@@ -374,7 +374,7 @@ class Estimated(Named, Record):
 
     @cached_property
     def tails(self) -> float:
-        """How many times the 95 % radius of a point is that of Gaussian errors of the same covariance.
+        """Ratio of the 95 % radius of a point to that of Gaussian errors of the same covariance.
 
         It is that of a point at the distance of the target; infinite where too few poses determine no such radius.
         """

@@ -13,10 +13,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..geometry.se3 import Array
 from .levels import INTERVAL
+
+Array = NDArray[np.float64]
 
 # Points of which shares are taken: the lattice is one for powers of 2.
 POINTS = 2**14

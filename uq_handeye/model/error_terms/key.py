@@ -33,7 +33,7 @@ class Owner(StrEnum):
 
 
 class Kind(StrEnum):
-    """What an error is of."""
+    """The kinds of errors."""
 
     # drawn at each pose
     ROTATION = "rotation"
