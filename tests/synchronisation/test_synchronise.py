@@ -15,6 +15,7 @@ from support import SEED, assert_same_covariance, difference, random_transforms,
 import uq_handeye as uq
 from uq_handeye import DegenerateMotionError, InputError, InputWarning, PosePairs, Stream
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, inverse_information, offset_sensitivity
+from uq_handeye.model.error_terms.keys import CLOCK_OFFSET
 from uq_handeye.model.noise.square_roots import whiten
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.read.synchronisation.interpolation import interpolate
@@ -38,7 +39,7 @@ def again(stream, scale=1.0, shift=0.0):
 
 def of_sizes(result):
     """Covariance that the open sizes of errors and the motion of the camera in the session add."""
-    beside = (move[:6].reshape(6, -1) for name, move in result.analysis.beside.items() if name != "clock offset")
+    beside = (move[:6].reshape(6, -1) for key, move in result.analysis.beside.items() if key != CLOCK_OFFSET)
     return sum(moves @ moves.T for moves in beside)
 
 
@@ -449,6 +450,7 @@ def test_other_covariances_take_it_in(plain, kind):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The target is ahead of the camera")
 def test_what_does_not_take_it_in_says_so(plain):
     sync = plain[-1]
     with pytest.warns(InputWarning, match="method 'park' takes it as exact"):
@@ -597,6 +599,8 @@ def test_few_poses_at_a_second_have_a_figure(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The target is ahead of the camera")
+@pytest.mark.filterwarnings("ignore:The camera sees its target")
 @pytest.mark.parametrize("at", [0.25, 0.5])
 def test_a_picture_at_each_stop_leaves_the_offset_open_within_the_stops(rng, at):
     X, robot, camera = triggered(rng, 25, at=at)
