@@ -38,8 +38,8 @@ from uq_handeye.errors import MissingExtraError
 SEED = 31
 # Tracks by how many sequences are made of them; the order of each group is drawn by one generator.
 GROUPS = (
-    {"noise": 8, "motion": 8, "temporal": 8, "outliers": 8, "monocular": 3},
-    {"pnp": 8, "robot_error": 8, "mixed": 8},
+    {"noise": 4, "motion": 4, "temporal": 4, "outliers": 4, "monocular": 4},
+    {"pnp": 4, "robot_error": 4, "mixed": 4},
 )
 QUICK_COUNT = 2
 QUICK_SECONDS, QUICK_HZ = 3, 10
