@@ -60,6 +60,7 @@ def squared_distance(result, true):
 @pytest.mark.slow
 @pytest.mark.parametrize("beside", [False, True], ids=["joints", "joints beside poses"])
 @pytest.mark.parametrize("name", RIGS)
+@pytest.mark.filterwarnings("ignore:The target is ahead")  # targets anywhere
 def test_x_is_that_of_the_library(tmp_path, name, beside):
     files(tmp_path, name, np.random.default_rng([SEED, 3]))
     result = calibrated(tmp_path, name, tmp_path / "robot.csv" if beside else None)
