@@ -66,6 +66,9 @@ from .split_fit import SplitFit, split_fit, split_of_poses
 if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
+# Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
+MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
+
 
 @overload
 def calibrate(data: Rig, **options: Any) -> Calibration | RigCalibration: ...
@@ -307,10 +310,6 @@ def _found(
         warn(error.findings or findings, 3)
         raise
     return result, findings
-
-
-# Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
-MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
 
 
 def _split(job: Job, findings: Sequence[Finding], selection: Selection | None) -> SplitFit | None:

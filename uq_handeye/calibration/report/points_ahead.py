@@ -6,15 +6,12 @@ the worst direction, the root of the largest eigenvalue of the covariance of the
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.geometry.se3 import Array
 from ..estimate.estimated import Estimated, distance_of
-
-if TYPE_CHECKING:
-    pass
 
 _STEPS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0])  # of the table, in distances to the target
 

@@ -25,6 +25,9 @@ ABSORBED_CAUTION_SHARE = 0.1
 # The noise of no detector of corners is above this, or below a hundredth of it.
 MAX_NOISE_PX = 1.5
 
+# A size above what is assumed by more than this many of its standard deviations (logarithms of the factor).
+FAR_OUTSIDE_SD = 3.0
+
 
 def noise_findings(
     parts: dict[ErrorKey, ErrorEstimate], sides: tuple[Owner, Owner], rotation_told: bool, sheet: frozenset[ErrorKey]
@@ -60,10 +63,6 @@ def noise_findings(
     else:
         found.append(_note("translation_by_data_sheet", components=_plain(translations)))
     return tuple(found)
-
-
-# A size above what is assumed by more than this many of its standard deviations (logarithms of the factor).
-FAR_OUTSIDE_SD = 3.0
 
 
 def beside_camera_findings(parts: dict[ErrorKey, ErrorEstimate], dof: float) -> tuple[Finding, ...]:

@@ -55,6 +55,8 @@ MIN_SHARE_OF_COMMONEST_TAG = 0.1
 # Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
 _LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
 MAX_KEPT_LOOKS = 2000
+# Pictures without a board after which another size of it is looked for.
+PROBED_PICTURES = 2
 
 
 def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: bool = False) -> Corners:
@@ -90,10 +92,6 @@ def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: boo
     if board.symmetry_order > 1:
         warnings.warn(_ambiguous(board), InputWarning, stacklevel=2)
     return corners
-
-
-# Pictures without a board after which another size of it is looked for.
-PROBED_PICTURES = 2
 
 
 def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) -> Corners:
