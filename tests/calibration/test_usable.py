@@ -34,6 +34,14 @@ def test_three_poses_do_not_test_the_files():
     assert status == {3: "not run", 8: "ok"}
 
 
+@pytest.mark.parametrize(("kept", "severity"), [(8, "caution"), (5, "failure")])
+def test_few_poses_against_most_of_the_others_prove_nothing(kept, severity):
+    table = uq.calibrate(uq.simulate(20, noise=NOISE, seed=3), noise=NOISE).table
+    flags = ("kept",) * kept + ("rejected",) * (20 - kept)
+    (found,) = dataclasses.replace(table, flag=flags).findings
+    assert found.code == "diagnostics.flagged" and found.severity == severity
+
+
 @pytest.mark.slow
 def test_a_camera_of_which_few_views_are_left_is_named():
     rig, _ = simulate_rig({"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=12, noise=None, seed=1)

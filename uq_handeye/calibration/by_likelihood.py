@@ -462,7 +462,7 @@ def _of_fit(
     any_scale = any(error.key == CAMERA_SCALE for error in job.shared)
     looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True, any_scale=any_scale)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in looked):
-        looked += misread(poses, fit.X)
+        looked += misread(poses, fit.X, minority=2 * kept.sum() < len(kept))
     if job.pose_prior is None and fit.open is None and not any(one.code in PLACED for one in looked):
         looked += check_place(poses, fit.X, fit.covariance_X)
     return looked + closed_forms(job, result, table)

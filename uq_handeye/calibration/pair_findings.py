@@ -147,7 +147,7 @@ def _of_files(pair: Pair, result: RigPoses | None) -> list[Finding]:
     rest = poses if kept.all() else poses.rows(np.flatnonzero(kept))
     found += check_fit(rest, X, None, covariance, None, _size(pair, result), sure=False, judged=True)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in found):
-        found += misread(poses, X)
+        found += misread(poses, X, minority=2 * int(kept.sum()) < len(kept))
     turn = float(np.sqrt(np.mean(pose_residuals(poses.effective_robot, poses.camera, X)[0] ** 2)))
     bad, at = np.flatnonzero(~kept), Unknowns(X, W)
     if poses.n >= MIN_POSES_FOR_ROBUST and (len(bad) >= max(2, 0.05 * poses.n) or turn >= SUSPICIOUS):

@@ -24,6 +24,7 @@ from ..core.geometry.se3 import Array, block, inverse, skew
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..fit.likelihood.reference import Reference
+from ..fit.likelihood.robust import is_weak_minority
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_numbers import ranges
 from ..model.posterior.posterior import Posterior
@@ -35,8 +36,6 @@ from .fit import onto_closed
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
-# Of a camera and a target of which most views are rejected, the others prove nothing where there are fewer.
-MIN_KEPT_OF_PAIR = 8
 # Parts of a direction, in units of the rig, below this count as none.
 NEGLIGIBLE_PART = 1e-6
 
@@ -220,7 +219,7 @@ class RigPoses(Record):
                 "and at the noise."
             )
         for (camera, target), (kept, count) in self._kept.items():
-            if 2 * kept < count and kept < MIN_KEPT_OF_PAIR:
+            if is_weak_minority(kept, count):
                 found.append(f"{count - kept} of {count} views of {target} by {camera} contradict the others.")
         if len(self.rejected) > 0.5 * len(self.weights):
             found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others.")

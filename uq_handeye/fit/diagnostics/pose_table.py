@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...findings import GROSS_EXCESS, Finding, Severity
 from ...model.noise.joint_covariance import joint_of
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
+from ..likelihood.robust import FULL, RobustFit, is_weak_minority, largest_by_chance, pose_distances
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,6 +120,8 @@ class PoseTable(Record, Shown):
             # one of many good poses is beyond the limit of one pose in many data sets
             of_chance = flag == "downweighted" and self.distance2[rows[0]] < self.limit * self._of_set
             severity: Severity = "note" if of_chance else "caution"
+            if flag == "rejected" and is_weak_minority(len(self.counted) - len(rows), len(self.counted)):
+                severity = "failure"
             found.append(Finding("diagnostics.flagged", severity, values | {"worst": worst}))
         if self.scale > 1:
             severity = "failure" if self.scale > GROSS_EXCESS else "caution"

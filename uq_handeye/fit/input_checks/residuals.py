@@ -119,11 +119,14 @@ def check_fit(
     return [*found, *outliers, *([*check_lengths(poses, X), *check_views(poses, X)] if known else [])]
 
 
-def misread(poses: PosePairs, X: Array) -> list[Finding]:
-    """Return the readings of the two files that all poses fit, where those that fit X are no majority to rely on."""
+def misread(poses: PosePairs, X: Array, minority: bool = False) -> list[Finding]:
+    """Return the readings of the two files that all poses fit, where those that fit X are no majority to rely on.
+
+    ``minority``: fewer than half fit X. Only then is another unit a reading: a good X leaves no factor to explain.
+    """
     G = poses.effective_robot
     turn, shift = (float(np.sqrt(np.mean(part**2))) for part in pose_residuals(G, poses.camera, X))
-    readings = [one for one in other_readings(poses, turn, shift) if one["kind"] != "scale"]
+    readings = [one for one in other_readings(poses, turn, shift) if minority or one["kind"] != "scale"]
     values = {"rotation": turn, "translation": shift, "readings": readings}
     return [Finding("input_checks.poses_unexplained", "failure", values)] if readings else []
 

@@ -64,6 +64,8 @@ BORDER_SHARE = CONTRADICTED.probability
 # The iteration that starts from all poses alike is relied on if it keeps this share of them: two such sets of poses
 # share `MAJORITY` of all.
 MIN_KEPT_SHARE = 0.5 * (1.0 + MAJORITY)
+# Where most poses are rejected, the others prove nothing if there are fewer.
+MIN_KEPT_OF_MINORITY = 8
 # Where the noise is not known, all rows count in full if their median distance is at least this many times that of
 # chi-square.
 MIN_MEDIAN_RATIO = 0.75
@@ -263,6 +265,11 @@ def _flags(distances: Array, weights: Array, limit: float) -> tuple[str, ...]:
         "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
         for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
     )
+
+
+def is_weak_minority(kept: int, count: int) -> bool:
+    """Return whether the poses that were kept, of ``count``, are too few to prove that the rejected ones are wrong."""
+    return 2 * kept < count and kept < MIN_KEPT_OF_MINORITY
 
 
 def judged_by(robust: RobustFit, fit: Fit, noise: Noise) -> RobustFit:

@@ -34,7 +34,7 @@ from ...model.noise.models import Noise, with_prior
 from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, Fit, fit
-from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly, judged_by
+from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly, is_weak_minority, judged_by
 from .estimation import ROUGH_GAIN, FoundSizes, JointModel
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
@@ -125,7 +125,7 @@ def settle(
     """Sizes with the columns at the poses as the fit corrects them (``at_corrected``), integrated over, and the fit.
 
     Rows are judged again by that noise: columns at measured poses hold their noise, and with much of it good rows stand
-    out. Where other rows count then, the sizes are found again.
+    out. Where other rows count then, the sizes are found again; but not from few rows against most of the others.
     """
     for _ in range(MAX_JUDGEMENTS):
         kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
@@ -134,9 +134,10 @@ def settle(
         fitted = fitted_again(source.constraint, noise, fitted, method)
         if robust is None:
             break
-        before, robust = robust, judged_by(robust, fitted, noise)
-        if before.flags == robust.flags:
-            break
+        again = judged_by(robust, fitted, noise)
+        if again.flags == robust.flags or is_weak_minority(again.flags.count("kept"), len(again.flags)):
+            break  # the noise of a few rows condemns ever more of the others
+        robust = again
         fitted = fitted_again(source.constraint, noise, robust.fit, method)
     return found, noise, fitted, None if robust is None else replace(robust, fit=fitted)
 
