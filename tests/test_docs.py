@@ -214,8 +214,9 @@ def test_every_extra_is_in_the_table_of_installs(page):
         "posterior",
         "kinhec",
     }
-    assert set(re.findall(r"\w+", extras["all"][0].partition("[")[2])) == {
+    assert {name for entry in extras["all"] for name in re.findall(r"\w+", entry.split("[")[1].split("]")[0])} == {
         "camera",
+        "scene",
         "pdf",
         "rosbag",
         "parquet",

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, difference, perturb, skew
 from ..core.runtime.read_only import ReadOnlyArrays
@@ -72,14 +73,14 @@ class Scene(ReadOnlyArrays):
         """Return the scene in another frame, ``T = new_T_scene``."""
         return replace(self, poses=self.poses @ np.linalg.inv(T), points=self.points @ T[:3, :3].T + T[:3, 3])
 
-    def where(self, kept: Array) -> Scene:
+    def where(self, kept: NDArray[np.bool_]) -> Scene:
         """Return the scene of the observations that are kept."""
         tracks, points = self.tracks.where(kept)
         return replace(self, tracks=tracks, points=self.points[points])
 
-    def of_pictures(self, kept: Array) -> Scene:
+    def of_pictures(self, kept: NDArray[np.intp]) -> Scene:
         """Return the scene of some of its pictures, by ascending numbers."""
-        tracks, points = self.tracks.of_pictures(np.asarray(kept))
+        tracks, points = self.tracks.of_pictures(kept)
         return replace(self, tracks=tracks, points=self.points[points], poses=self.poses[kept])
 
 

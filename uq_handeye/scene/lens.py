@@ -74,7 +74,7 @@ class Lens(ReadOnlyArrays):
         return tuple(name for name, free in zip(MODEL.names, self.free, strict=True) if free)
 
     def prior_rows(self) -> tuple[Array, Array]:
-        """Residuals (q,) of the prior and their derivatives (q, f) by the estimated intrinsics, in standard deviations."""
+        """Residuals (q,) of the prior and their derivatives (q, f) by the free intrinsics, in standard deviations."""
         rows, J = [], []
         column = np.cumsum(self.free) - 1
         for k in np.flatnonzero(self.free & np.isfinite(self.sd)):
