@@ -15,6 +15,7 @@ import typing as _typing
 if _typing.TYPE_CHECKING:
     from .calibration.calibrate import calibrate
     from .calibration.evidence.touches import Touches
+    from .calibration.of_camera import of_camera
     from .calibration.result import Calibration, load
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .core.geometry.nearest_rotation import orthonormalise
@@ -194,6 +195,7 @@ __all__ = [
     "monte_carlo",
     "nguyen",
     "octonion_covariance",
+    "of_camera",
     "orthonormalise",
     "paper_covariances",
     "paper_from_theta",
@@ -244,6 +246,7 @@ __all__ = [
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
     "calibration.calibrate": ("calibrate",),
+    "calibration.of_camera": ("of_camera",),
     "calibration.result": ("Calibration", "load"),
     "model.camera.board": ("detect_board",),
     "model.camera.description": ("Board", "tag_points"),
@@ -352,6 +355,7 @@ _LATER = {
     "methods.procrustes.scaled": ("se3_from_so4", "so4_from_se3"),
     "methods.procrustes.paper_covariances": (
         "octonion_covariance",
+        "of_camera",
         "paper_covariances",
         "so4_covariance",
     ),

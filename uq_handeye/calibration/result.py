@@ -159,7 +159,7 @@ class Calibration(Statement):
             In camera coordinates, m.
         joints : (..., L) or None
             Of the robot when they were seen, rad (prismatic: m): the pose is corrected by the estimated errors of the
-            arm. Leading axes broadcast with those of the points.
+            arm. Leading axes broadcast with those of the points. Needless for eye-to-hand.
         robot : (..., 4, 4) or None
             ``base_T_gripper``, in place of joints where the calibration has none; and together with them where the
             controller's poses are not those of the joints.

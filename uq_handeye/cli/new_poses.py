@@ -13,12 +13,15 @@ from .arm import Arm, ChainOptions, ErrorOptions, arm_alone, split_sizes
 from .bag_files import RobotGiven, given_of_robot
 from .boards import KINDS as BOARDS
 from .boards import BoardOptions
-from .messages import timed, verbose, withheld
+from .messages import given_options, timed, verbose, withheld
 from .names import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD
 from .noise import Given, given_of, noise_of
+from .options import names_of_options
 from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
+from .pose_prior import pose_prior_of
 from .rig_files import is_rig_file, named_camera, read_rig_file
+from .stored import OneOfRig, is_result
 from .touches import TouchesToUse
 from .values import naming_option, one_of
 from .views import Views, views_of
@@ -110,9 +113,28 @@ class Session:
     given: Annotated[Given, given_of]
     views: Annotated[Views | None, views_of]
     arm: Annotated[Arm | None, arm_alone]
+    chosen: OneOfRig
+
+    def stored(self) -> "Calibration | None":
+        """Return the result in place of ROBOT, of a rig one camera; None for files of poses."""
+        file = self.files.robot
+        if file is None or not is_result(file):
+            if self.chosen != OneOfRig():
+                raise InputError("--camera and --target need the result of a rig in place of ROBOT. Remove them.")
+            return None
+        of_data = names_of_options(PoseFiles, given_of, views_of, arm_alone, pose_prior_of) | {"CAMERA"}
+        if wrong := [name for name in given_options() if name in of_data]:
+            raise InputError(f"{', '.join(wrong)}: a stored result has its poses and noise. Remove it.")
+        found = self.chosen.read(file)
+        if found.counted is None or found.noise is None:
+            raise InputError(f"{file} holds no poses with their noise. Calibrate again.")
+        return found
 
     def read(self) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
-        """Return poses, noise and shared errors."""
+        """Return poses, noise and shared errors; those of a result in place of ROBOT."""
+        if (found := self.stored()) is not None:
+            poses: Any = found.counted
+            return poses, found.noise, None
         return self.files.read(self.given, self.views, self.arm)
 
     def calibrated(
@@ -126,6 +148,8 @@ class Session:
         """
         from ..calibration.calibrate import calibrate
 
+        if (stored := self.stored()) is not None:
+            return stored, {"data": stored}
         poses, noise, shared = self.read()
         pairs = of_motions if of_motions is not None and noise is not None and noise.ITEM == "motion" else pairs
         result: Calibration | None = None

@@ -150,6 +150,17 @@ def parameters_of(maker: Maker) -> list[inspect.Parameter]:
     return list(parameters.values())
 
 
+def names_of_options(*makers: Maker) -> set[str]:
+    """Return the names of the options that commands or groups declare, as ``--seed``."""
+    found = set()
+    for maker in makers:
+        for parameter in parameters_of(maker):
+            for made in getattr(parameter.annotation, "__metadata__", ()):
+                flags = [getattr(made, "default", None), *(getattr(made, "param_decls", None) or ())]
+                found |= {name for flag in flags if isinstance(flag, str) for name in flag.split("/")}
+    return found
+
+
 def without_options(doc: str | None) -> str:
     """Return a docstring without the options that it declares."""
     return _HEADING.split(inspect.cleandoc(doc or ""))[0]

@@ -13,6 +13,7 @@ from .noise import without_poses
 from .pose_files import OF_FILE, values_of_files
 from .printing import emit
 from .rig_files import OF_FILES, named_files
+from .stored import refuse
 from .values import coordinates, one_of
 
 if TYPE_CHECKING:
@@ -168,27 +169,6 @@ NEW_VIEWS = (
     "--joint-units",
     *sorted(OF_FILES - {"--setup", "--noise", "--robot-noise", "--camera-noise"}),
 )
-_EVERYWHERE = {"RESULT", "--json", "--output", "--quiet", "--verbose", "--no-color", "--log-file"}
-
-
-def stored_rig(path: Path | None) -> "RigCalibration | None":
-    """Return the result of a rig, None for another file."""
-    if path is None or path.suffix.lower() != ".json" or not path.is_file():
-        return None
-    from ..calibration.result import load
-    from ..rig.result import RigCalibration
-
-    with path.open("rb") as file:  # those of one camera are read by their own command
-        if b"uq-handeye rig " not in file.read(200):
-            return None
-    found = load(path)
-    return found if isinstance(found, RigCalibration) else None
-
-
-def refuse(*taken: str) -> None:
-    """Raise `InputError` for options that the command does not take for a rig."""
-    if wrong := [name for name in given_options() if name not in _EVERYWHERE | set(taken)]:
-        raise InputError(f"{', '.join(wrong)}: not for the result of a rig. Remove it.")
 
 
 def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
@@ -233,10 +213,8 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].robot_class)})
 
 
-def predict_stored_rig(
-    stored: "RigCalibration", asked: Any, robot: Path | None, as_json: bool, output: Path | None
-) -> None:
-    """Predict points of a camera of a rig, for ``predict``, at robot poses of its arm or with a fixed camera."""
+def predict_into(stored: "RigCalibration", asked: Any, robot: Path | None, as_json: bool, output: Path | None) -> None:
+    """Predict points of one camera of a rig in the frame of another, for ``predict``."""
     import numpy as np
 
     from ..read import json_text
@@ -245,13 +223,13 @@ def predict_stored_rig(
     refuse("--of", "--into", "--point", "--robot", "--units", "--format")
     camera, point = asked.of, asked.point
     if camera is None or not point:
-        raise InputError("A rig needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")
+        raise InputError("--into needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")
     arms = list(stored.rig.arms)
     if robot is not None and len(arms) > 1:
         raise InputError("--robot: the rig has several arms; predict in Python with the poses of each.")
     at = None if robot is None else {arms[0]: read_rows(robot, "robot").poses}
     points = np.array([coordinates(text, "--point") for text in point])
-    found = stored.predict(camera, points, at, asked.into or "world")
+    found = stored.predict(camera, points, at, asked.into)
     data = json_text(found.to_dict())
     head = " ".join([*(f"{name:>11}" for name in "xyz"), *(f"{f'sd {name}':>8}" for name in "xyz")])
     lines = [f"Points of {camera} in the frame {found.frame}", f"{'row':>4} {'point':>5} {head}  (mm)"]

@@ -32,7 +32,7 @@ from ..model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_P
 from ..model.error_terms.sizes import SIZES, Size
 from ..model.error_terms.term import ErrorTerm
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.assumed import assumed_accuracy, assumed_outline, assumed_view
+from ..model.shared_errors.assumed import assumed_accuracy, assumed_lens, assumed_outline, assumed_view
 from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.view import (
     HALF_WIDTH,
@@ -68,6 +68,10 @@ ALL_TARGETS = Owner.TARGETS
 SHARED = (
     Kind.ACCURACY, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT, Kind.SCALE, Kind.LENS, Kind.OUTLINE, Kind.VIEW
 )  # fmt: skip
+# Keys of the numbers of the errors of intrinsics.
+NUMBERS = {
+    error.key: error.keys for error in (SharedError.focal_length(), SharedError.principal_point(), assumed_lens())
+}
 OF_EACH_CAMERA = (Kind.ROTATION, Kind.TRANSLATION, Kind.BY_VIEW, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT)
 _PARTS = ((Kind.ROTATION, np.eye(6)[:, :3]), (Kind.TRANSLATION, np.eye(6)[:, 3:]))
 
@@ -122,7 +126,12 @@ def components_of(
     for name, (of, _) in finished.items():
         for error, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
             size = SIZES[error] if alone else replace(SIZES[error], factor=SPREAD_IN_RIG)
-            found.append(ErrorTerm(error.of(name), "camera", size, columns=_of(of, by_intrinsics[..., columns])))
+            found.append(
+                ErrorTerm(
+                    error.of(name), "camera", size, columns=_of(of, by_intrinsics[..., columns]),
+                    keys=tuple(key.of(name) for key in NUMBERS[error]),
+                )
+            )  # fmt: skip
     scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
     scales = {TARGET_SCALE.of(name): _of(seen, scale) for name, (seen, _) in targets.items()}
     if len(both[1][0].targets) > 1:
@@ -132,7 +141,8 @@ def components_of(
               if rig.arms[name].kinematics is None]  # fmt: skip
     for name, both_of in finished.items() if alone else ():
         lens = _of(both_of[0], by_intrinsics[..., 3:] * LENS_SHARES)
-        found.append(ErrorTerm(LENS.of(name), "camera", SIZES[LENS], columns=lens))
+        keys = tuple(key.of(name) for key in NUMBERS[LENS])
+        found.append(ErrorTerm(LENS.of(name), "camera", SIZES[LENS], columns=lens, keys=keys))
         found += [_shared(graph, before, name, both_of, error) for error in (assumed_outline(), assumed_view())]
     asked = SHARED if shared is True else shared
     return (*noise, *(part for part in found if part.key.kind in asked), *chains)

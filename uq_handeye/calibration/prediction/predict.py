@@ -204,7 +204,7 @@ def predict_points(
     posterior_of(result)
     if reached_at is None and tool is not None:
         raise InputError("Expected `reached_at`, the joints at which the tool is at the point, beside `tool`.")
-    stands = result.setup == "eye-to-hand" and reached_at is not None and joints is None and robot is None
+    stands = result.setup == "eye-to-hand" and joints is None and robot is None  # the robot does not enter
     ahead = None if stands else robot_ahead(result, joints, robot)
     p = as_numbers(points, "points")
     if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():

@@ -9,7 +9,8 @@ from ..exit_status import ExitStatus
 from ..messages import quiet, timed
 from ..new_poses import NewPoses
 from ..printing import shown
-from ..rigs import NEW_VIEWS, new_views, refuse, stored_rig
+from ..rigs import NEW_VIEWS, new_views
+from ..stored import refuse, stored_rig
 from .update import names_of
 
 if TYPE_CHECKING:

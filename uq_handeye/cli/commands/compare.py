@@ -32,6 +32,8 @@ def compare_command(
       # Three methods only, differences from Park's
       uq-handeye compare robot.csv camera.csv --methods tsai,park,4dpa \
           --reference park
+      # A stored result, or one camera of a rig
+      uq-handeye compare result/rig.json --camera left
 
     A method that fails keeps its row, with the reason. The exit status is 2 if
     every method fails.

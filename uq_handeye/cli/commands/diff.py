@@ -5,12 +5,14 @@ from pathlib import Path
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
 from ..printing import shown
+from ..stored import OneOfRig
 from .update import names_of
 
 
 def diff_command(
     old: Path,
     new: Path,
+    chosen: OneOfRig,
     same: list[str] | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -21,6 +23,8 @@ def diff_command(
       uq-handeye diff monday.json friday.json
       # Two sessions with the same robot and the same camera
       uq-handeye diff monday.json friday.json --same robot,camera
+      # One camera of a rig
+      uq-handeye diff monday/rig.json friday/rig.json --camera left
 
     The difference of X and of the target, its standard uncertainty, and the
     probability of one as large if nothing has changed. Results with poses in
@@ -37,13 +41,14 @@ def diff_command(
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for diff.json and diff.txt.
     """
-    from ...calibration.result import Calibration
+    from ...calibration.result import load
     from ...use.maintenance.difference import difference, difference_document
 
-    both = [Calibration.from_json(file) for file in (old, new)]
-    for stored, file in zip(both, (old, new), strict=True):
-        if refused_as_not_usable(stored, file, "compared"):
+    both = []
+    for file in (old, new):
+        if refused_as_not_usable(found_in_file := load(file), file, "compared"):
             return ExitStatus.NOT_USABLE
+        both.append(chosen.of(found_in_file, file))
     found = difference(*both, same=names_of(same, ()))
     text = found.to_json()
     deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..arm import Arm, arm_alone
@@ -11,9 +11,14 @@ from ..delivery import deliver_answer
 from ..messages import timed
 from ..names import CONTROLLER_NAMES
 from ..noise import Given, given_of, require_of_poses
+from ..options import names_of_options
 from ..pose_files import PoseFiles
-from ..rigs import plan_stored_rig, stored_rig
+from ..rigs import plan_stored_rig
+from ..stored import OneOfRig, is_result, refuse, stored_rig
 from ..values import one_of
+
+if TYPE_CHECKING:
+    from ...calibration.result import Calibration
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
@@ -89,6 +94,7 @@ def plan_command(
     given: Annotated["Given", given_of],
     arm: Annotated["Arm | None", arm_alone],
     planning: Planning,
+    chosen: OneOfRig,
     form: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -103,6 +109,8 @@ def plan_command(
       uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
       # Which view of a rig next, and by which camera
       uq-handeye plan result/rig.json -k 5
+      # Next poses of a stored result, or of one camera of a rig
+      uq-handeye plan result/rig.json --camera left --criterion logdet
 
     Prints the standard deviations of X predicted after each pose, to first
     order in the noise.
@@ -118,8 +126,12 @@ def plan_command(
         with --joints the joints (rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file
         names one.
     """
-    if (rig := stored_rig(files.robot)) is not None:
+    if chosen == OneOfRig() and (rig := stored_rig(files.robot)) is not None:
         return plan_stored_rig(rig, planning, as_json, output)
+    if files.robot is not None and is_result(files.robot):
+        return _plan_of_result(chosen.read(files.robot), planning, form, as_json, output)
+    if chosen != OneOfRig():
+        raise InputError("--camera and --target need the result of a rig in place of ROBOT. Remove them.")
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...model.kinematics.joints_file import read_joints
@@ -158,8 +170,37 @@ def plan_command(
             prior=given.prior,
             **of_arm,
         )
+    _deliver(found, form, as_json, output)
+
+
+def _plan_of_result(
+    stored: "Calibration", planning: Planning, form: str | None, as_json: bool, output: Path | None
+) -> None:
+    """Plan from the posterior of a stored result."""
+    from ...read.robot_poses import read_robot_poses
+    from ...use.planning.plan import plan
+
+    refuse("--as", *names_of_options(Planning), what="a stored result")
+    planning.require_possible(None)
+    rows = None if planning.candidates is None else read_robot_poses(planning.candidates, None)[1]
+    with timed("planning"):
+        found = plan(
+            stored,
+            rows,
+            planning.k,
+            criterion=planning.criterion,
+            point=None if planning.point is None else planning.point.split(","),
+            length=planning.length,
+            sample=planning.sample,
+            seed=planning.seed,
+            repeat=planning.repeat,
+        )
+    _deliver(found, form, as_json, output)
+
+
+def _deliver(found: Any, form: str | None, as_json: bool, output: Path | None) -> None:
     if form is not None:
-        if arm is not None:
+        if found.joints is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")
         found = replace(found, form=one_of(form, "--as", FORMS))
 

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...core.files.csv_text import csv_text
 from ...core.numbers.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
-from ..rigs import predict_stored_rig, stored_rig
+from ..rigs import predict_into
+from ..stored import OneOfRig
 from ..values import coordinates
 
 if TYPE_CHECKING:
@@ -54,8 +55,11 @@ class PredictOptions:
         it misses.
       * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
       * --camera: Predict camera_T_target, the poses that the camera should see.
-      --of CAMERA: With the result of a rig: the camera that --point belongs to.
-      --into CAMERA: With the result of a rig: predict in the frame of this camera. Default: the world.
+      --of CAMERA: With the result of a rig: the camera whose points or poses are predicted.
+      of_target = --target NAME: With the result of a rig: the target that this camera sees. Default: the one that it
+        sees most often.
+      --into CAMERA: With the result of a rig: predict --point in the frame of this camera. Default: the base of its
+        arm.
       * --length L: Side of a square that the camera measures, e.g. 100mm. Predicts the error of a length, a plane and a
         point, by calibration and measurement. With --at and --pixel-noise.
       --at D: With --length: distance of the square from the camera, e.g. 0.5m.
@@ -69,6 +73,7 @@ class PredictOptions:
     tool: str | None = None
     camera: bool = False
     of: str | None = None
+    of_target: str | None = None
     into: str | None = None
     length: str | None = None
     at: str | None = None
@@ -76,10 +81,10 @@ class PredictOptions:
     focal_length: str | None = None
     no_noise: bool = False
 
-    def require_possible(self, at: Places) -> None:
+    def require_possible(self, at: Places, setup: str | None) -> None:
         """Raise `InputError` for options that are impossible or exclude each other."""
-        if self.of is not None or self.into is not None:
-            raise InputError("--of and --into are for the result of a rig. Remove them.")
+        if self.into is not None:
+            raise InputError("--into is for the result of a rig. Remove it.")
         of_task = {"--at": self.at, "--pixel-noise": self.pixel_noise}
         if self.length is not None:
             if missing := [name for name, value in of_task.items() if value is None]:
@@ -99,7 +104,8 @@ class PredictOptions:
             raise InputError("--reached-at needs --point, the point that the tool is brought to.")
         if self.tool is not None and self.reached_at is None:
             raise InputError("--tool needs --reached-at FILE.csv, the joint values at the point. Add it.")
-        if at.joints is None and at.robot is None and self.reached_at is None:
+        fixed = setup == "eye-to-hand" and self.point
+        if at.joints is None and at.robot is None and self.reached_at is None and not fixed:
             raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
         if at.joint_units is not None and at.joints is None and self.reached_at is None:
             raise InputError("--joint-units needs --joints. Remove it.")
@@ -125,6 +131,8 @@ def predict_command(
       # A length of 100 mm, a plane and a point that the camera measures
       uq-handeye predict result/result.json --length 100mm --at 0.5m \
           --pixel-noise 0.2px --focal-length 1000px
+      # Left camera of a rig: poses of the target that it should see
+      uq-handeye predict result/rig.json --of left --camera --robot poses.csv
       # Point of the left camera of a rig, in the frame of the right one
       uq-handeye predict result/rig.json --of left --into right \
           --point 0mm,0mm,300mm --robot poses.csv
@@ -136,20 +144,19 @@ def predict_command(
     """
     import numpy as np
 
-    from ...calibration.result import Calibration
+    from ...calibration.result import Calibration, load
     from ...read import json_text
 
-    if (rig := stored_rig(result)) is not None:
-        if refused_as_not_usable(rig, result, "predicted"):
-            return ExitStatus.NOT_USABLE
-        predict_stored_rig(rig, wanted, places.robot, as_json, output)
+    found: Any = load(result)
+    if refused_as_not_usable(found, result, "predicted"):
+        return ExitStatus.NOT_USABLE
+    if wanted.into is not None and not isinstance(found, Calibration):
+        predict_into(found, wanted, places.robot, as_json, output)
         return ExitStatus.DONE
-    wanted.require_possible(places)
+    stored = OneOfRig(wanted.of, wanted.of_target).of(found, result)
+    wanted.require_possible(places, stored.setup)
     points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])
     tip = None if wanted.tool is None else np.array(coordinates(wanted.tool, "--tool"))
-    stored = Calibration.from_json(result)
-    if refused_as_not_usable(stored, result, "predicted"):
-        return ExitStatus.NOT_USABLE
     if wanted.length is not None:
         _deliver_task(stored, wanted, as_json, output)
         return ExitStatus.DONE
@@ -212,7 +219,7 @@ def _read_places(
         counts = " and ".join(f"{names[argument]} has {len(values)}" for argument, values in at.items())
         raise InputError(f"{counts} rows: expected one row in each file per prediction.")
     known = next((stamps for stamps in times if stamps is not None), None)
-    return np.arange(float(len(next(iter(at.values()))))) if known is None else known, at
+    return np.arange(float(len(next(iter(at.values()))) if at else 1)) if known is None else known, at
 
 
 def _point_rows(found: "PointUncertainty", times: "Array") -> list[TableRow]:

@@ -18,7 +18,8 @@ from ..delivery import (
 )
 from ..messages import timed, withheld
 from ..new_poses import NewPoses
-from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
+from ..rigs import NEW_VIEWS, deliver_rig, new_views
+from ..stored import refuse, stored_rig
 
 
 def update_command(

@@ -10,6 +10,7 @@ from ..delivery import deliver_answer
 from ..exit_status import ExitStatus
 from ..names import UNITS
 from ..printing import shown
+from ..stored import OneOfRig
 from ..touches import TouchOptions
 from ..values import one_of
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 def verify_command(
     result: Path,
     touching: TouchOptions,
+    chosen: OneOfRig,
     touches: Path | None = None,
     show: str = "0.5mm",
     candidates: Path | None = None,
@@ -35,6 +37,8 @@ def verify_command(
       # Touched with a tool whose offset is unknown; noise of the seen points
       uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm \\
           --point-sd 0.3mm --tool-sd unknown
+      # Points that the left camera of a rig saw
+      uq-handeye verify result/rig.json touches.csv --camera left --tcp-sd 0.2mm
       # How many touches until a bias of 1 mm would show
       uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm --show 1mm
 
@@ -52,10 +56,9 @@ def verify_command(
       --candidates FILE.csv: Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen
         so far.
     """
-    from ...calibration.result import Calibration
     from ...use.verification.verify import verify
 
-    stored = Calibration.from_json(result)
+    stored = chosen.read(result)
     if (touches is None) == (poses is None):
         raise InputError("Give either TOUCHES.csv, points seen and touched, or --poses ROBOT.csv CAMERA.csv.")
     if poses is not None:

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
-from ...calibration.prediction.predict import camera_ahead
+from ...calibration.prediction.predict import camera_ahead, poses_so_far, posterior_of
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_transforms
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known, require_type
@@ -60,15 +60,16 @@ GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 @overload
 def plan(data: RigCalibration, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> RigPlan: ...
 @overload
-def plan(data: PosePairs, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> Plan: ...
+def plan(data: PosePairs | Calibration, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> Plan: ...
 def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: Any) -> Any:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
     ----------
     data : PosePairs
-        The poses so far, at least 3, without batch axes. They need not determine X yet. Or the result of a rig, of
-        which the views to take next are planned, and by which camera (`uq_handeye.rig.plan`).
+        The poses so far, at least 3, without batch axes. They need not determine X yet. Or a result, whose posterior is
+        planned from: of one camera, also one of a rig (`of_camera`); or of a rig, of which the views to take next are
+        planned, and by which camera (`uq_handeye.rig.plan`).
     candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
         Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
         or inside the joint limits by `sample_joints`.
@@ -119,6 +120,8 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
         of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
         require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
         return plan_rig(data, cast("Mapping[str, ArrayLike] | None", candidates), k, **of_rig)
+    if isinstance(data, Calibration):
+        return _plan_of_result(data, PlanRequest(candidates, k, **asked))
     require_type("data", data, PosePairs, "PosePairs")
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
@@ -132,6 +135,20 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
 
 
 plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined]
+
+
+def _plan_of_result(result: Calibration, asked: PlanRequest) -> Plan:
+    """See `plan`: from a result, which has its poses, noise and shared errors."""
+    names = ("noise", "shared", "joints", "kinematics", "kinematic_errors", "prior")
+    require_left_out("of a calibration", **{name: getattr(asked, name) for name in names})
+    posterior_of(result)
+    data = poses_so_far(result)
+    if data is None:
+        raise InputError("Expected a result with its poses. Calibrate again.")
+    kept = np.arange(data.n)
+    if result.table is not None and len(result.table.weight) == data.n:
+        kept = np.flatnonzero(np.asarray(result.table.weight) > 0)
+    return plan_from(Known(result, data.rows(kept), result.noise_estimate is not None), asked.of(data))
 
 
 def plan_from(known: Known, asked: PlanRequest) -> Plan:

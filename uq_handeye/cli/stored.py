@@ -1,0 +1,109 @@
+"""Stored results that a command takes: of one camera, or of a rig, of which one camera is chosen."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from .messages import given_options
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..rig.result import RigCalibration
+
+# The start of a result file, which has its format.
+_START = 200
+# Options that every command takes with a stored result.
+EVERYWHERE = frozenset(
+    {
+        "RESULT",
+        "ROBOT",
+        "--camera",
+        "--target",
+        "--json",
+        "--output",
+        "--quiet",
+        "--verbose",
+        "--no-color",
+        "--log-file",
+    }
+)
+
+
+@dataclass(frozen=True)
+class OneOfRig:
+    """Options that choose one camera of a rig.
+
+    Options (Result of a rig):
+      of_camera = --camera NAME: Camera of a rig, with the result of one: the marginal of its joint posterior. Default:
+        the only one.
+      of_target = --target NAME: Target that the camera sees. Default: the one that it sees most often.
+    """
+
+    of_camera: str | None = None
+    of_target: str | None = None
+
+    def read(self, path: Path) -> "Calibration":
+        """Return the result of one camera, or one camera of that of a rig."""
+        from ..calibration.result import load
+
+        return self.of(load(path), path)
+
+    def of(self, found: "Calibration | RigCalibration", path: Path) -> "Calibration":
+        """Return a result as that of one camera; raises `InputError` for a camera that it does not have."""
+        from ..calibration.result import Calibration
+
+        if isinstance(found, Calibration):
+            for option, name, own in (
+                ("--camera", self.of_camera, found.names.camera),
+                ("--target", self.of_target, found.names.target),
+            ):
+                if name not in (None, own):
+                    raise InputError(f"{option} {name}: {path} has the {option[2:]} {own!r}. Correct the name.")
+            return found
+        from ..calibration.of_camera import of_camera
+
+        camera, cameras = self.of_camera, list(found.rig.cameras)
+        if camera is None and len(cameras) > 1:
+            raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: --camera {cameras[0]}.")
+        if camera not in (None, *cameras):
+            raise InputError(f"--camera {camera}: {path} has {', '.join(cameras)}. Correct the name.")
+        return of_camera(found, camera or cameras[0], self.of_target)
+
+
+def is_result(path: Path | None) -> bool:
+    """Return whether a file is a result of one camera or of a rig, by its format."""
+    return _format(path).startswith(("uq-handeye rig ", "uq-handeye calibration "))
+
+
+def stored_rig(path: Path | None) -> "RigCalibration | None":
+    """Return the result of a rig, None for another file."""
+    if not _format(path).startswith("uq-handeye rig "):
+        return None
+    from ..calibration.result import load
+    from ..rig.result import RigCalibration
+
+    assert path is not None
+    found = load(path)
+    return found if isinstance(found, RigCalibration) else None
+
+
+def _format(path: Path | None) -> str:
+    if path is None or path.suffix.lower() != ".json" or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        start = file.read(_START).decode("utf-8", "replace")
+    name, _, rest = start.lstrip("{ \n\r\t").partition(":")
+    if name.strip() != '"format"':
+        return ""
+    try:
+        return str(json.JSONDecoder().raw_decode(rest.strip())[0])
+    except ValueError:
+        return ""
+
+
+def refuse(*taken: str, what: str = "the result of a rig") -> None:
+    """Raise `InputError` for options that the command does not take for a stored result."""
+    if wrong := [name for name in given_options() if name not in EVERYWHERE | set(taken)]:
+        raise InputError(f"{', '.join(wrong)}: not for {what}. Remove it.")
