@@ -107,6 +107,49 @@ def test_small_tags_are_not_drawn_together(rng):
     assert abs(np.mean(inwards)) < 0.015 and np.std(inwards) < 0.05
 
 
+def on_grey(paper_share, side, tilt, rng, table=70.0, scale=4):
+    """Picture of tag 5 on paper that ends ``paper_share`` of the side beyond it, on grey; and its corners."""
+    words = dictionary_of("36h11")
+    cell = 20
+    bits = bits_of(words, 5)
+    bits = bits[::-1, ::-1] if drawn_upside_down("36h11") else bits
+    tag = cv2.resize(255 * bits.astype(np.uint8), None, fx=cell, fy=cell, interpolation=cv2.INTER_NEAREST)
+    tag = cv2.copyMakeBorder(tag, *4 * [cell], cv2.BORDER_CONSTANT, value=20)
+    rim = round(paper_share * len(tag))
+    drawn = cv2.copyMakeBorder(np.minimum(tag, 235), *4 * [rim], cv2.BORDER_CONSTANT, value=235).astype(np.float32)
+    T = facing(TAG, rng.uniform(0, 360), tilt, distance=750 * 0.04 / side)
+    corners = projected(TAG, T)
+    of_print = np.float32([[0, 0], [len(tag), 0], [0, len(tag)], [len(tag), len(tag)]]) + rim - 0.5
+    H = cv2.getPerspectiveTransform(of_print, np.float32(scale * (corners + 0.5) - 0.5))
+    size = (scale * SIZE[0], scale * SIZE[1])
+    seen = cv2.warpPerspective(drawn, H, size, flags=cv2.INTER_LINEAR, borderValue=table)
+    seen = cv2.GaussianBlur(cv2.resize(seen, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    return np.clip(seen + rng.normal(0, 3, seen.shape), 0, 255).astype(np.uint8), corners
+
+
+@pytest.mark.slow
+def test_small_tags_on_grey_paper_with_a_narrow_rim_are_found(rng):
+    """The rim of the paper is as near as the bits: neither is taken for the edge."""
+    find, away = tag_finder(TAG), []
+    for k in range(12):
+        tilt = rng.uniform(-0.55, 0.55, 2)
+        seen, corners = on_grey(1 / 8, 46 + k, tilt, rng)
+        _, pixels, _ = find(seen)
+        away.append(pixels - corners)
+    assert np.sqrt(np.mean(np.square(away))) < 0.04 and np.abs(away).max() < 0.15
+
+
+@pytest.mark.slow
+def test_tags_without_white_are_said_to_have_unclear_edges(rng, tmp_path):
+    narrow, wide = (on_grey(share, 50, (0.3, 0.2), rng)[0] for share in (1 / 30, 1 / 4))
+    said = r"Tags are in 1 of 2 pictures with edges that are too small or not clear.*\(sides of 4\d px\): img1\.png\."
+    with pytest.warns(InputWarning, match=said) as caught:
+        uq.detect_board(save(tmp_path, wide, narrow), TAG)
+    assert len(caught) == 1
+    with pytest.raises(InputError, match="Tags are in 2 of 2 pictures with edges"):
+        uq.detect_board(save(tmp_path, narrow, narrow), TAG)
+
+
 @pytest.mark.slow
 def test_other_tags_are_left_alone(rng):
     T = facing(TAG, 10, distance=0.3)

@@ -100,6 +100,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     paths = picture_paths(images)
     names = _names(paths)
     tags: list[Tags] = []
+    unclear: dict[int, list[float]] = {}
     found: dict[int, Seen] = {}
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
@@ -115,6 +116,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
                 )
             if look.seen is not None:
                 found[row] = look.seen
+            elif look.unclear:
+                unclear[row] = look.unclear
             tags += look.tags
             if row + 1 == PROBED_PICTURES and not found and board.kind == "chessboard":
                 _require_size(board, paths[: row + 1])
@@ -125,18 +128,25 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
             return find_corners(images, replace(board, first_id=number), progress)
         _warn_of_copies(board, ids)
     missing = tuple(name for row, name in enumerate(names) if row not in found)
+    absent = [name for row, name in enumerate(names) if row not in found and row not in unclear]
     if board.kind in TAGS and not board.single and (words := contradiction(board, tags, max(max(sizes)))):
         warnings.warn(words, InputWarning, stacklevel=3)
+    if unclear:
+        said = _unclear(
+            [names[row] for row in unclear], len(paths), [side for each in unclear.values() for side in each]
+        )
+        if not found:
+            raise InputError(said)
+        warnings.warn(f"{said} These pictures are left out.", InputWarning, stacklevel=3)
     if not found:
         kind = "single" if board.single else board.kind
         raise InputError(
             f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
             f"{COUNTED[kind]}{other_tags(board, map(_picture, paths[:3]))}"
         )
-    if missing:
+    if absent:
         warnings.warn(
-            f"The board was not found in {len(missing)} of {len(paths)} pictures, which are left out: "
-            f"{listed(missing)}.",
+            f"The board was not found in {len(absent)} of {len(paths)} pictures, which are left out: {listed(absent)}.",
             InputWarning,
             stacklevel=3,
         )
@@ -175,6 +185,7 @@ class _Look(NamedTuple):
     size: tuple[int, int]
     seen: Seen | None
     tags: list[Tags]
+    unclear: list[float]  # sides of tags whose edges are not clear
 
 
 def _look(path: Path, board: Board, small_first: bool = False) -> _Look:
@@ -186,11 +197,11 @@ def _look(path: Path, board: Board, small_first: bool = False) -> _Look:
     key = (sha256(data).digest(), board)
     look = _LOOKS.pop(key, None)
     if look is None:
-        picture, tags = _decoded(data, path), list[Tags]()
+        picture, tags, unclear = _decoded(data, path), list[Tags](), list[float]()
         if small_first and not in_small(picture, board):
-            return _Look((picture.shape[1], picture.shape[0]), None, tags)
-        seen = (tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
-        look = _Look((picture.shape[1], picture.shape[0]), seen, tags)
+            return _Look((picture.shape[1], picture.shape[0]), None, tags, unclear)
+        seen = (tag_finder(board, tags, unclear) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
+        look = _Look((picture.shape[1], picture.shape[0]), seen, tags, unclear)
     _LOOKS[key] = look
     while len(_LOOKS) > MAX_KEPT_LOOKS:
         _LOOKS.popitem(last=False)
@@ -217,6 +228,17 @@ def _commonest(ids: list[list[int]]) -> int | None:
             stacklevel=4,
         )
     return one
+
+
+def _unclear(names: list[str], n: int, sides: list[float]) -> str:
+    """Return a sentence on pictures in which tags are seen, but not their edges."""
+    low, high = f"{min(sides):.0f}", f"{max(sides):.0f}"
+    size = low if low == high else f"{low} to {high}"
+    return (
+        f"Tags are in {len(names)} of {n} pictures with edges that are too small or not clear for corners (sides of "
+        f"{size} px): {listed(names)}. A tag needs 4 px of white paper around it: take pictures from nearer, or print "
+        "it with a wider rim."
+    )
 
 
 def _warn_of_copies(board: Board, ids: list[list[int]]) -> None:

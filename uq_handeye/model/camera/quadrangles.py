@@ -15,6 +15,8 @@ A lens that bends edges moves such a corner, too: the line of an edge of length 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +24,19 @@ from ...core.geometry.se3 import Array
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture
 
-# Half the length of the profile across an edge; where there is room, twice that in the first half of the rounds.
+# Half the length of the profile across an edge; twice that where edges are placed.
 MAX_HALF_PROFILE_PX = 5.0
+# The next structure inside or outside of an edge is nearer by so much, because it is blurred; and the rim of the paper,
+# which is where the white begins to fall.
+BLUR_PX, RIM_BLUR_PX = 2.5, 1.5
+# Rounds in which the edges are placed to about a pixel, and after these, in which the rim of the paper is looked for.
+PLACING_ROUNDS, RIM_ROUNDS = 2, 2
+# Profiles of an edge, and parts of it that are placed.
+PLACES, PARTS = 48, 6
+# Least white beyond an edge, where the rim of the paper is near.
+MIN_WHITE_PX = 2.5
+# Fall of the grey beyond an edge, as a share of the contrast, by which the rim of the paper is known.
+RIM_FALL_SHARE = 0.06
 # A profile with less than this share of the median contrast of its edge is not of that edge.
 MIN_CONTRAST_SHARE = 0.4
 # Offsets farther from the line of their edge than this, in robust standard deviations, do not count.
@@ -31,50 +44,101 @@ MAX_OFFSET_SD = 3.0
 
 
 def corners_by_edges(
-    picture: Picture, quads: Array, border: float, gap: float, rounds: int = 9
+    picture: Picture, quads: Array, border: float, gap: float, rounds: int = 5
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Corners (k, 4, 2) of quadrangles whose corners are known to a few pixels, in their order around each; and which
     of the quadrangles (k,) have four clear edges.
 
     ``border`` and ``gap`` are how far the nearest structure is inside and outside of an edge, as shares of its length.
+    Outside the rim of the paper may be nearer: it is looked for in the picture.
     """
     grey, found = picture.astype(np.float32), np.array(quads, dtype=float)
-    inside = _area(found)
+    for _ in range(PLACING_ROUNDS):
+        edges = _Edges.of(found)
+        found = _placed(grey, edges, edges.width * border, edges.width * gap)
     for k in range(rounds):
-        start, along = found, np.roll(found, -1, axis=1) - found
-        length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
-        tangent = along / length[..., None]
-        outward = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1) * np.sign(inside)[:, None, None]
-        room = np.abs(inside)[:, None] / (2.0 * length) * min(border, gap)  # area over length: the width across it
-        h = np.clip(room - 2.0, 1.0, MAX_HALF_PROFILE_PX)  # the next structure is blurred by two pixels as well
-        h = np.maximum(h, np.minimum(0.8 * room, 2 * MAX_HALF_PROFILE_PX)) if k < rounds // 2 else h
-        tip = np.minimum(3.0, 0.2 * length)  # pixels at both ends of an edge that are left out
-        places = np.arange(48) + 0.5
-        s = tip[..., None] + (length - 2 * tip)[..., None] * places / len(places)  # (k, 4, places)
-        offset, clear = _offsets(grey, start, tangent, outward, s, h)
-        line, enough = _lines(s, offset, clear)
-        line = line * enough[..., None]  # others stay where they are
-        point = start + line[..., :1] * outward
-        direction = tangent + line[..., 1:] * outward
-        found = _meet(point, direction)
-    good = enough.all(axis=1)
+        edges = _Edges.of(found)
+        inner, outer = edges.width * border, edges.width * gap
+        if k < RIM_ROUNDS:
+            rim = _rim(grey, edges, inner, outer)
+        h = np.clip(np.minimum(np.minimum(inner, outer) - BLUR_PX, rim - RIM_BLUR_PX), 1.0, MAX_HALF_PROFILE_PX)
+        offset, clear = _offsets(grey, edges, h)
+        line, enough = _lines(edges.s, offset, clear)
+        found = edges.meet(line * enough[..., None])  # others stay where they are
+    good = enough.all(axis=1) & ((rim >= MIN_WHITE_PX) | (rim >= edges.width * gap)).all(axis=1)
     moved = np.linalg.norm(found - quads, axis=-1).max(axis=1)
     size = np.linalg.norm(np.roll(found, -1, axis=1) - found, axis=-1).min(axis=1)
     good &= np.isfinite(found).all(axis=(1, 2)) & (moved < np.maximum(3.0, 0.2 * size))
     return found, good
 
 
-def _offsets(
-    grey: NDArray[np.float32], start: Array, tangent: Array, outward: Array, s: Array, h: Array
-) -> tuple[Array, Array]:
+class _Edges(NamedTuple):
+    """Edges of quadrangles, and the places along each at which its profile is taken."""
+
+    start: Array  # (k, 4, 2)
+    tangent: Array  # (k, 4, 2)
+    outward: Array  # (k, 4, 2)
+    width: Array  # (k, 4) of the quadrangle across the edge
+    s: Array  # (k, 4, places) along the edge
+
+    @classmethod
+    def of(cls, quads: Array) -> _Edges:
+        along, area = np.roll(quads, -1, axis=1) - quads, _area(quads)
+        length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
+        tangent = along / length[..., None]
+        outward = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1) * np.sign(area)[:, None, None]
+        tip = np.minimum(3.0, 0.2 * length)  # pixels at both ends of an edge that are left out
+        places = (np.arange(PLACES) + 0.5) / PLACES
+        s = tip[..., None] + (length - 2 * tip)[..., None] * places
+        return cls(quads, tangent, outward, np.abs(area)[:, None] / (2.0 * length), s)
+
+    def profiles(self, grey: NDArray[np.float32], o: Array) -> Array:
+        """Grey (k, 4, places, across) at the distances ``o`` (k, 4, across) outside of the edges."""
+        cv2 = opencv()
+        at = (self.start[..., None, :] + self.s[..., None] * self.tangent[..., None, :])[..., None, :]
+        at = at + o[:, :, None, :, None] * self.outward[..., None, None, :]
+        flat = at.astype(np.float32).reshape(4 * len(at), at.shape[2] * at.shape[3], 2)
+        seen = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(seen.reshape(at.shape[:-1]), dtype=float)
+
+    def meet(self, line: Array) -> Array:
+        """Corners (k, 4, 2) of the edges moved by intercept and slope (k, 4, 2) along ``s``."""
+        return _meet(self.start + line[..., :1] * self.outward, self.tangent + line[..., 1:] * self.outward)
+
+
+def _placed(grey: NDArray[np.float32], edges: _Edges, inner: Array, outer: Array) -> Array:
+    """Return the corners where edges are moved to the steepest rise of the grey, to about a pixel.
+
+    What a profile meets inside and outside of the edge, bits and the rim of the paper, falls outwards.
+    """
+    reach = np.stack([np.minimum(0.8 * room, 2 * MAX_HALF_PROFILE_PX) for room in (inner, outer)], axis=-1)
+    o = reach[..., :1] * np.linspace(-1, 0, 17)[:-1], reach[..., 1:] * np.linspace(0, 1, 17)
+    o = np.concatenate(o, axis=-1)
+    parts = edges.profiles(grey, o).reshape(*o.shape[:2], PARTS, PLACES // PARTS, o.shape[-1]).mean(axis=3)
+    # Rise over about two pixels.
+    rise = parts[..., 2:] - parts[..., :-2]
+    run = o[..., 2:] - o[..., :-2]
+    steepest = np.argmax(rise / run[:, :, None], axis=-1)  # (k, 4, parts)
+    offset = np.take_along_axis(o[..., 1:-1], steepest, axis=-1)
+    s = edges.s.reshape(*o.shape[:2], PARTS, -1).mean(axis=-1)
+    line, _ = _lines(s, offset, np.ones(offset.shape, dtype=bool))
+    return edges.meet(line)
+
+
+def _rim(grey: NDArray[np.float32], edges: _Edges, inner: Array, outer: Array) -> Array:
+    """Return how far outside of each edge (k, 4) the white ends, where it does before ``outer``."""
+    o = outer[..., None] * np.linspace(0.0, 1.0, 65)
+    white = np.median(edges.profiles(grey, o), axis=2)  # (k, 4, across)
+    black = np.median(edges.profiles(grey, -0.5 * inner[..., None]), axis=2)
+    white = white - black
+    lightest = np.maximum.accumulate(white, axis=-1)
+    ends = (white < (1.0 - RIM_FALL_SHARE) * lightest) & (o > 1.0)
+    return np.where(ends.any(axis=-1), np.take_along_axis(o, ends.argmax(axis=-1)[..., None], axis=-1)[..., 0], outer)
+
+
+def _offsets(grey: NDArray[np.float32], edges: _Edges, h: Array) -> tuple[Array, Array]:
     """Return how far (k, 4, places) outside of the line the edge is, and whether there is one."""
-    cv2 = opencv()
-    o = h[..., None] * np.linspace(-1.0, 1.0, 33)
-    at = (start[..., None, :] + s[..., None] * tangent[..., None, :])[..., None, :]
-    at = at + o[:, :, None, :, None] * outward[..., None, None, :]  # (k, 4, places, across, 2)
-    flat = at.astype(np.float32).reshape(4 * len(at), at.shape[2] * at.shape[3], 2)
-    seen = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    seen = seen.reshape(at.shape[:-1]).astype(float)
+    seen = edges.profiles(grey, h[..., None] * np.linspace(-1.0, 1.0, 33))
     # of the ends the mean over the places of the edge: they are of one black and one white
     low, high = np.median(seen[..., 0], axis=-1), np.median(seen[..., -1], axis=-1)
     contrast = np.maximum(high - low, 1e-9)

@@ -54,9 +54,12 @@ def layout_of(board: Board) -> Layout:
 
 
 def tag_finder(
-    board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None = None
+    board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None = None, unclear: list[float] | None = None
 ) -> Callable[[Picture], Detection]:
-    """Return the function that finds the corners of the board in a picture; tags of each go to ``seen``."""
+    """Return the function that finds the corners of the board in a picture.
+
+    Tags of each picture go to ``seen``; sides (px) of those of the board whose edges are not clear to ``unclear``.
+    """
     cv2, words, layout = opencv(), dictionary_of(board.dictionary), layout_of(board)
     if int(layout.ids.max()) >= len(words.bytesList):
         raise InputError(
@@ -102,7 +105,11 @@ def tag_finder(
             if not len(ids):
                 continue
             share = border / (words.markerSize + 2 * border)
+            rough = quads
             quads, good = corners_by_edges(picture, quads, share, _room(board))
+            if unclear is not None:
+                of_board = ~good & _inside(rough, picture) & (np.isin(ids, list(wanted)) if wanted else True)
+                unclear.extend(_size(rough[of_board]).tolist())
             good = good & _inside(quads, picture)
             if seen is not None:
                 seen.append((ids[good], quads[good]))
