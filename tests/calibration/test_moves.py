@@ -2,36 +2,28 @@
 
 import os
 import warnings
+from html import escape
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import uq_handeye as uq
 from studies.one_model.chains import ARMS
+from studies.one_model.moves import NOISE, drifting, stepped
 from studies.one_model.rigs import SETUPS, SPREADS, arm_set
 from uq_handeye.cli.app import main
+from uq_handeye.read import write_pose_file
+from uq_handeye.report.page import report_html
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
-NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
-
-
-def stepped(seed, what, shift, angle, n=25, setup="eye-in-hand", since=12):
-    """Poses of which the target or the camera is elsewhere from one on, in a random direction."""
-    drawn = uq.simulate(n_poses=n, noise=NOISE, seed=seed, setup=setup)
-    axis, along = Rotation.random(2, random_state=seed[1]).as_matrix()[:, :, 0]
-    D, camera = np.eye(4), drawn.camera.copy()
-    D[:3, :3], D[:3, 3] = Rotation.from_rotvec(angle * axis).as_matrix(), shift * along
-    camera[since:] = camera[since:] @ D if what == "target" else np.linalg.inv(D) @ camera[since:]
-    return uq.PosePairs(drawn.robot, camera, setup)
 
 
 def moves(poses):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
         result = uq.calibrate(poses)
-    return result, [one for one in result.findings if one.code == "rig.moved"]
+    return result, [one for one in result.findings if one.code in ("rig.moved", "rig.drifts")]
 
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
@@ -74,6 +66,40 @@ def test_the_poses_before_and_after_a_move_are_fitted_as_two_and_exported(what, 
     np.testing.assert_allclose(np.load(tmp_path / "x.npz")["X"], split[chosen].pose, atol=1e-12)
     with pytest.raises(SystemExit, match="2"):
         main([*command[:-1], "other"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["target", "camera"])
+@pytest.mark.parametrize("setup", SETUPS)
+def test_an_even_drift_is_no_step_and_has_its_size(what, setup):
+    result, (finding,) = moves(drifting([SEED, 5], what, 10e-3, 0.0, setup=setup))
+    values = finding.values
+    assert (finding.code, values["name"]) == ("rig.drifts", what)
+    assert values["shift"] == pytest.approx(10e-3, abs=5 * values["shift_sd"]) and values["shift_sd"] < 2e-3
+    assert not result.usable and not result.split
+    assert f"the {what} drifts by " in result.headline and "from the first pose to the last" in result.headline
+
+
+@pytest.mark.slow
+def test_report_and_texts_have_both_poses_of_what_moved():
+    result, (finding,) = moves(stepped([SEED, 6], "target", 20e-3, 0.0))
+    texts = (result.summary(), result.summary(verbose=True), result._repr_html_(), report_html(result))
+    assert all("base_T_target@12" in text and "before and after the move" in text for text in texts)
+    assert all(f"{1e3 * result.split[-1].pose[0, 3]:.2f}" in text for text in texts)
+    assert escape(str(finding)) in report_html(result, folded=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("since", [15, 18])
+def test_update_names_the_pose_from_which_the_target_moved(since, tmp_path, capsys):
+    poses = stepped([SEED, 4], "target", 10e-3, 0.0, since=since)
+    uq.calibrate(poses.rows(np.arange(15))).to_json(tmp_path / "result.json")
+    files = [str(tmp_path / f"{name}.csv") for name in ("robot", "camera")]
+    for file, side in zip(files, (poses.robot, poses.camera), strict=True):
+        write_pose_file(file, side[15:])
+    with pytest.raises(SystemExit, match="3"):
+        main(["update", str(tmp_path / "result.json"), *files])
+    assert f"NOT USABLE: the target moved from pose {since} on" in capsys.readouterr().out
 
 
 @pytest.mark.statistical

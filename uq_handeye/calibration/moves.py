@@ -24,6 +24,8 @@ from ..model.poses.pose_pairs import PosePairs
 if TYPE_CHECKING:
     from ..rig.noise import RigNoise
 
+# Findings of a camera or target that did not stand still.
+MOVED, DRIFTS = "rig.moved", "rig.drifts"
 # A full covariance (6n, 6n) of more poses is not taken apart to look for a step.
 MAX_POSES_OF_FULL_COVARIANCE = 200
 # A step is looked for in this many poses, evenly spread over longer recordings.
@@ -68,7 +70,7 @@ def moves(poses: PosePairs, noise: PoseNoise, of: Fit) -> list[Finding]:
         findings = judged_paths(task, found)[1]
     except (NotConvergedError, DegenerateMotionError, SingularNoiseError, np.linalg.LinAlgError):
         return []  # the rest of the poses does not determine a step
-    return [_with_rows(one, rows) for one in findings if one.code == "rig.moved"]
+    return [_with_rows(one, rows) if one.code == MOVED else one for one in findings if one.code in (MOVED, DRIFTS)]
 
 
 def _with_rows(finding: Finding, rows: NDArray[np.intp]) -> Finding:

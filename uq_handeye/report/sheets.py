@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ..calibration.moves import MOVED
 from ..calibration.report.budget import budget_table
-from ..calibration.report.first_screen import advice
+from ..calibration.report.first_screen import advice, split_blocks
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import limit_of, point_ahead, suits_of
 from ..calibration.statement.tolerance import Verdict
@@ -48,13 +49,20 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     caption = "Value and standard deviation (1 sigma)" + ("" if result.std is not None else "; ? is not determined")
     head = [result.frame, "value", "\N{PLUS-MINUS SIGN} 1 sigma", "unit"]
     X = Table(f"{caption}.", head, rows, frozenset({3}))
+    title = f"X: the {subject}" if subject else "X of AX = XB"
     return [
         Section("answer", "Result", number, wide=True),
         Section("checks", "Checks", [checks]),
         _picture(result, drawings),
-        Section("x", f"X: the {subject}" if subject else "X of AX = XB", [X]),
+        _before_and_after(result) if result.split else Section("x", title, [X]),
         Section("ahead", "A point in front of the camera", _point_blocks(result)),
     ]
+
+
+def _before_and_after(result: Calibration) -> Section:
+    """Return X, or the target, before and after a move: X of all poses together is neither."""
+    said = [Paragraph(str(one)) for one in result.findings if one.code == MOVED]
+    return Section("x", "X before and after the move", [*said, *split_blocks(result)])
 
 
 def _contents_of(accuracy: Accuracy | None) -> list[Block]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -228,9 +229,18 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
     if not although_changed:
         found = check_rig(result, rig, level=CONTRADICTED.probability)
         if found.changed:
-            raise InputError(
+            error = InputError(
                 f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."
             )
+            with suppress(InputError, NotConvergedError):
+                again = _calibrated_with(result, new).findings
+                error.findings = tuple(one for one in again if one.severity == "failure" and one.explains)
+            raise error
+    return _calibrated_with(result, new)
+
+
+def _calibrated_with(result: RigCalibration, new: Rig) -> RigCalibration:
+    """Return the calibration of the old and the new views, with the options of the result."""
     if result.provenance is None:
         raise InputError("Expected a result that says how it was calibrated. Calibrate again.")
     request = dict(result.provenance["request"])

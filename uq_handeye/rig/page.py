@@ -209,8 +209,11 @@ def _rows(poses: Sequence[EstimatedPose]) -> list[list[str]]:
 
 
 def _poses(result: RigPoses) -> Table:
-    rows = [[*row, str(one.count or "")] for row, one in zip(_rows(result.singles), result.singles, strict=True)]
+    shown = result.split or result.singles  # where a pose moved, that of all views together is neither
+    rows = [[*row, str(one.count or "")] for row, one in zip(_rows(shown), shown, strict=True)]
     caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
+    if result.split:
+        caption += " What moved has a pose before and one after the move, NAME@MOMENT."
     return Table(caption, [*_HEAD, "views"], rows)
 
 

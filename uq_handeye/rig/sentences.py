@@ -70,6 +70,25 @@ def _(
 
 
 @sentence(
+    "rig.drifts",
+    check=RESIDUALS,
+    phrase=lambda values: f"the {_named(values)} drifts by {_moved_by(values)} from the first pose to the last",
+    remedy="fasten it and let it warm up, or give the times of the poses: a drift is then estimated",
+    explains=True,
+)
+def _(
+    kind: str, name: str, angle: float, shift: float, chi_square: float, p: float,
+    angle_sd: float | None = None, shift_sd: float | None = None,
+) -> str:  # fmt: skip
+    what = _named({"kind": kind, "name": name})
+    moved = _moved_by({"angle": angle, "angle_sd": angle_sd, "shift": shift, "shift_sd": shift_sd})
+    return (
+        f"The {what} drifts by {moved} from the first pose to the last (chi-square {chi_square:.0f} of 6, "
+        f"{probability(p)}): a steady change explains the residuals better than one step."
+    )
+
+
+@sentence(
     "rig.paths_disagree",
     check=RESIDUALS,
     phrase="two ways to the {kind} {name} disagree",

@@ -214,7 +214,10 @@ def x_blocks(result: Calibration, width: int = COLUMNS) -> list[Block]:
 
 
 def split_blocks(result: Calibration) -> list[Block]:
-    """Return the poses before and after a move, where there was one: X of all poses together is neither."""
+    """Return the poses before and after a move, where there was one: X of all poses together is neither.
+
+    From which pose on it moved, and by how much, is said by the finding (`rig.moved`).
+    """
     rows = [[one.frame, ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in result.split]
     return [Table("", ["before and after the move", "x, y, z (mm)", "+- mm", "deg"], rows)] if rows else []
 

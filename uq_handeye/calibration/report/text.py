@@ -28,7 +28,16 @@ from ..statement.tolerance import Verdict
 from .analysis import beside_blocks, covariance_table, diagnosis_blocks
 from .arm import arm_blocks, arm_sentences
 from .budget import budget_table
-from .first_screen import accuracy_blocks, answer_blocks, checks_block, data_words, first_screen, matrix_block, title_of
+from .first_screen import (
+    accuracy_blocks,
+    answer_blocks,
+    checks_block,
+    data_words,
+    first_screen,
+    matrix_block,
+    split_blocks,
+    title_of,
+)
 from .noise import noise_blocks
 from .residuals import flagged_blocks, pair_table
 from .shared_errors import included_words, shared_blocks
@@ -75,7 +84,7 @@ def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     if result.std is not None:
         turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
-    return [[matrix_block(result.X)], numbers]
+    return [*([split] if (split := split_blocks(result)) else []), [matrix_block(result.X)], numbers]
 
 
 def _scope(result: Calibration) -> list[Block]:
@@ -143,7 +152,7 @@ def calibration_html(result: Calibration) -> str:
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else data_words(result)
     setup = "" if result.setup is None else f", {result.setup}"
     checks = Checks.of(result.checks)
-    document: Document = [answer_blocks(result, why=False), [checks], [_six(result)]]
+    document: Document = [answer_blocks(result, why=False), [checks], split_blocks(result) or [_six(result)]]
     folded = [(title, blocks_html(blocks)) for title, blocks in _folds(result).items() if blocks]
     folded.append(("Matrix X (translation in m)", matrix_html(result.X)))
     if result.covariance is not None and result.correlation is not None:

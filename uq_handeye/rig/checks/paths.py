@@ -18,16 +18,22 @@ is named, with those that explain the views nearly as well. Where the residuals 
 with the copy, the chi-squares are divided by chi-square over degrees of freedom, so that a noise that was given too
 small is not taken for a move.
 
-*A step or a wander.* Errors that change slowly (a drift, the arm's errors along a path through the workspace) make the
-chi-square of some moment large, too. A step leaves nothing: with the copy, that of every other step is small. A pose is
-named only where the largest one that is left is below `MAX_REMAINING_SHARE` of that of the step.
+*A step, a drift or a wander.* A pose that drifts from the first view to the last makes the chi-square of some moment
+large, too. So the step is compared with a pose that changes in proportion to the number of the moment,
+
+    d_k = d (k - mean),      columns (k - mean) B_k,
+
+by their chi-squares, each of six numbers: the larger one is named. Other errors that change slowly (the arm's along a
+path through the workspace) are neither. A step leaves nothing: with the copy, that of every other step is small, and
+likewise with the columns of a drift. A pose is named only where the largest one that is left is below
+`MAX_REMAINING_SHARE` of that of the step, or of the drift.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +46,7 @@ from ...core.numbers.levels import DOUBTFUL as RESOLVED
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding
 from ...fit.likelihood.robust import largest_by_chance
-from ...fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, differences, largest_step, sums_of
+from ...fit.likelihood.steps_in_time import FALSE_FINDING, MIN_MOMENTS, MIN_RUN, differences, largest_step, sums_of
 from ..description import Rig
 from ..fit import RigFit, Task, fit
 from ..graph import Graph
@@ -141,6 +147,23 @@ def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Arra
     return np.asarray(part.half[some] @ J[some]), some
 
 
+def _views_of(graph: Graph, u: int) -> NDArray[np.bool_]:
+    """(E,) whether a view depends on an unknown."""
+    return np.asarray((u == graph.X) | (u == graph.W) | (graph.base[0] == u) | (graph.base[1] == u))
+
+
+def _rows_in_time(
+    found: RigFit, white: list[Array], moment: NDArray[np.intp], u: int
+) -> tuple[list[tuple[Array, Array]], NDArray[np.intp]]:
+    """Columns B (g, d, 6) of one pose and rows (g, d, q + 1) of each batch, and the moment of each group of all."""
+    parts, first = [], []
+    for part, rows in zip(found.rows, white, strict=True):
+        some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
+        parts.append((rows[some, :, 6 * u : 6 * u + 6], rows[some]))
+        first.append(moment[part.batch.edges[some]].min(axis=-1))
+    return parts, np.concatenate(first)
+
+
 def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     """Cameras by each of their targets, and targets by each of their cameras, where there are several."""
     graph, paths = found.graph, []
@@ -170,20 +193,14 @@ def _in_time(rig: Rig, found: RigFit) -> list[RigPath]:
     graph, white, paths = found.graph, _white(found), list[RigPath]()
     moment, names = moments_of(rig, graph)
     for u in range(graph.m):
-        sums, first, of_u = [], [], np.zeros(graph.E, dtype=bool)
-        for part, rows in zip(found.rows, white, strict=True):
-            some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
-            B = rows[some, :, 6 * u : 6 * u + 6]
-            sums.append(sums_of(B, rows[some]))
-            first.append(moment[part.batch.edges[some]].min(axis=-1))
-            of_u[part.batch.edges[some]] = True
-        at = np.concatenate(first)
+        parts, at = _rows_in_time(found, white, moment, u)
+        sums = [sums_of(B, rows) for B, rows in parts]
         order = np.argsort(at, kind="stable")
         step = largest_step(found.whole, np.concatenate(sums)[order], at[order])
         if step is None:
             continue
         since = int(at[order][step.begin])
-        of = of_u & (moment >= since)
+        of = _views_of(graph, u) & (moment >= since)
         paths.append(
             RigPath(graph.names[u], None, names[since], step.chi_square, step.dof, step.p, step.change, step.covariance,
                     int(of.sum()), u, of)
@@ -201,6 +218,46 @@ class _Copied:
     square: float
     remaining: float  # largest chi-square of another step in time that is left
     covariance: Array  # (6, 6) of the change
+
+
+class _Drift(NamedTuple):
+    """Change of a pose in proportion to the number of the moment."""
+
+    name: str
+    chi_square: float
+    dof: int
+    change: Array  # (6,) of the pose from the first moment to the last
+    covariance: Array  # (6, 6)
+    remaining: float  # largest chi-square of a step in time that is left
+
+
+def _drift_of(rig: Rig, found: RigFit, u: int) -> _Drift | None:
+    """Return the drift of an unknown pose; None where the views of few moments show it."""
+    graph, white = found.graph, _white(found)
+    moment, _ = moments_of(rig, graph)
+    parts, at = _rows_in_time(found, white, moment, u)
+    if len(np.unique(at)) < 2 * MIN_MOMENTS:
+        return None
+    share = (at - at.min()) / np.ptp(at)
+    shares = np.split(share - share.mean(), np.cumsum([len(rows) for _, rows in parts])[:-1])
+    of_drift = [(part[:, None, None] * B, rows) for part, (B, rows) in zip(shares, parts, strict=True)]
+    sums = np.concatenate([sums_of(*one) for one in of_drift]).sum(axis=0)
+    square, dof, d, S = (one[0] for one in differences(found.whole, sums[None]))
+    if not dof:
+        return None
+    # the largest step in time, with the columns of the drift among the unknowns
+    K = found.whole @ sums[:, 6:-1].T
+    S_dz = -S @ K.T
+    whole = np.block([[found.whole - K @ S_dz, S_dz.T], [S_dz, S]])
+    z = -K @ d
+    again = []
+    for (D, rows), (B, _) in zip(of_drift, parts, strict=True):
+        e = rows[..., -1:] + D @ d[:, None] + rows[..., :-1] @ z[:, None]
+        again.append(sums_of(B, np.concatenate([rows[..., :-1], D, e], axis=-1)))
+    order = np.argsort(at, kind="stable")
+    step = largest_step(whole, np.concatenate(again)[order], at[order])
+    left = 0.0 if step is None else step.chi_square
+    return _Drift(graph.names[u], float(square), int(dof), d, S, left)
 
 
 def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
@@ -227,7 +284,7 @@ def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
 
 
 def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath, Finding] | None:
-    """Return the path of a pose that moved, with the finding."""
+    """Return the path of a pose that moved or drifts, with the finding."""
     with_runs = _with_runs(task, found) if task.robust else found
     paths = own if with_runs is found else paths_of(task.rig, with_runs)
     ringing = sorted(
@@ -241,12 +298,40 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
         return None
     copied.sort(key=lambda one: one.objective)
     best = copied[0]
+    if best.path.by is None and (drift := _larger_drift(task.rig, with_runs, ringing)) is not None:
+        return _drifting(task.rig, with_runs, *drift, len(paths))
     p = float(chdtrc(6, best.square)) * len(paths)
     if p > FALSE_FINDING or best.remaining > MAX_REMAINING_SHARE * best.path.chi_square:
         return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD_CHI_SQUARE and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
     return best.path, _finding(task.rig, best, p, others)
+
+
+def _larger_drift(rig: Rig, found: RigFit, ringing: list[RigPath]) -> tuple[_Drift, RigPath] | None:
+    """Return the drift of the largest chi-square, and its path, if no step has one as large."""
+    steps = [path for path in ringing if path.by is None]
+    of_each = [(drift, path) for path in steps if (drift := _drift_of(rig, found, path.number)) is not None]
+    if not of_each:
+        return None
+    largest = max(of_each, key=lambda one: one[0].chi_square)
+    return None if largest[0].chi_square <= max(one.chi_square for one in steps) else largest
+
+
+def _drifting(rig: Rig, found: RigFit, drift: _Drift, path: RigPath, count: int) -> tuple[RigPath, Finding] | None:
+    """Return the path of a pose that drifts with the finding; None where other steps are left, or it is chance.
+
+    ``count``: number of paths that were tested.
+    """
+    scale = max(1.0, (found.chi_square - drift.chi_square) / max(found.dof - drift.dof, 1))
+    p = float(chdtrc(drift.dof, drift.chi_square / scale)) * count
+    if p > FALSE_FINDING or drift.remaining > MAX_REMAINING_SHARE * drift.chi_square:
+        return None
+    values = {
+        "kind": _kind(rig, drift.name), "name": drift.name, **sizes_of_move(drift.change, scale * drift.covariance),
+        "chi_square": drift.chi_square, "p": p,
+    }  # fmt: skip
+    return path, Finding("rig.drifts", "failure", values)
 
 
 def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exception:
@@ -276,8 +361,7 @@ def _with_runs(task: Task, found: RigFit) -> RigFit:
         return found
     again = np.zeros(graph.E, dtype=bool)
     for u in range(graph.m):
-        of_u = (u == graph.X) | (u == graph.W) | (graph.base[0] == u) | (graph.base[1] == u)
-        of = np.flatnonzero(of_u)
+        of = np.flatnonzero(_views_of(graph, u))
         for run in _runs(moment[of], weak[of]):
             again[of[run]] = True
     if not again.any():
@@ -368,9 +452,13 @@ def _square(d: Array, S: Array) -> float:
     return float(d @ np.linalg.lstsq(S, d, rcond=None)[0])
 
 
+def _kind(rig: Rig, name: str) -> str:
+    return "camera" if name in rig.cameras else "target" if name in rig.targets else "base of the arm"
+
+
 def _finding(rig: Rig, best: _Copied, p: float, others: list[RigPath]) -> Finding:
     path = best.path
-    kind = "camera" if path.name in rig.cameras else "target" if path.name in rig.targets else "base of the arm"
+    kind = _kind(rig, path.name)
     values: dict[str, Any] = {
         "kind": kind, "name": path.name, **sizes_of_move(best.change, best.covariance), "chi_square": best.square,
         "p": p, "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],

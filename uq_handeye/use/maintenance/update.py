@@ -18,7 +18,9 @@ about the poses (residuals of the pose table, diagnostics, budget) are not updat
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, overload
 
@@ -32,6 +34,7 @@ from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.same_things import TARGET, THINGS, checked_things, others_by_pictures
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
+from ...calibration.moves import DRIFTS, MOVED
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
 from ...core.files.json_values import Json, JsonObject
@@ -39,7 +42,7 @@ from ...core.formatting.numbers import digits, probability
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
 from ...core.numbers.levels import UNUSUAL
-from ...errors import InputError, require_type
+from ...errors import InputError, InputWarning, NotConvergedError, require_type
 from ...findings import Finding
 from ...model.error_terms.estimate import resolved_share
 from ...model.noise.models import PoseNoise
@@ -146,7 +149,7 @@ def update(  # type: ignore[misc]
     both, numbers = joined_poses(old, poses)
     asked = arguments(result, both, numbers, noise)
     if not although_changed:
-        require_unchanged(result, poses, noise)
+        require_unchanged(result, poses, noise, moves=lambda: _moves_of(both, asked))
     found = calibrate(both, **asked)
     for one in touches:
         found = include_touches(found, Touches.from_dict(one))
@@ -186,11 +189,26 @@ def _by_posterior(
     )
 
 
+def _moves_of(poses: PosePairs, asked: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """Return the findings about a camera or target that did not stand still in the poses of both sessions."""
+    with warnings.catch_warnings(), suppress(InputError, NotConvergedError):
+        warnings.simplefilter("ignore", InputWarning)
+        return tuple(one for one in calibrate(poses, **asked).findings if one.code in (MOVED, DRIFTS))
+    return ()
+
+
+def _no_moves() -> tuple[Finding, ...]:
+    return ()
+
+
 def require_unchanged(
-    result: Calibration, poses: PosePairs, noise: PoseNoise | None, same: Iterable[str] | str = THINGS
-) -> None:
+    result: Calibration, poses: PosePairs, noise: PoseNoise | None, same: Iterable[str] | str = THINGS,
+    moves: Callable[[], tuple[Finding, ...]] = _no_moves,
+) -> None:  # fmt: skip
     """Raise `InputError` where the new poses say that something has changed (`check`), if they can be held against the
     result at all.
+
+    ``moves`` returns what did not stand still in the old and the new poses together: the findings of the error.
     """
     if result.posterior is None or result.opened is not None or result.noise is None:
         return
@@ -200,10 +218,12 @@ def require_unchanged(
             raise InputError(f"The new poses contradict the result as they were read. {finding}")
     if found.changed:
         cause = f", probably {found.cause}" if found.cause is not None else ""
-        raise InputError(
+        error = InputError(
             f"The new poses contradict the result ({probability(found.p_value)}): something has changed{cause}. Look "
             "at uq-handeye check, and calibrate again; or update all the same (--although-changed)."
         )
+        error.findings = moves()
+        raise error
 
 
 def gain(old: Calibration, new: Calibration, count: int) -> str:
