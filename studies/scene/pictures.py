@@ -25,6 +25,8 @@ RAYS = 2
 BACKGROUND = 90.0
 # Rays per edge that bound where a rectangle can be seen.
 EDGE_POINTS = 9
+# Rays from one to the next at which the size of a pixel on a rectangle is taken.
+SPARSE = 7
 LIGHT = np.array([0.3, -0.45, 0.84])
 AMBIENT = 0.6
 Picture = NDArray[np.uint8]
@@ -40,11 +42,11 @@ class Face:
     texture: Picture
 
     @cached_property
-    def levels(self) -> tuple[Picture, ...]:
+    def levels(self) -> tuple[NDArray[np.float32], ...]:
         """The texture, each level half as fine as the one before."""
-        found = [self.texture]
+        found = [self.texture.astype(np.float32)]
         while min(found[-1].shape) >= 16:
-            found.append(np.asarray(opencv().pyrDown(found[-1]), np.uint8))
+            found.append(np.asarray(opencv().pyrDown(found[-1])))
         return tuple(found)
 
 
@@ -66,6 +68,7 @@ class Renderer:
         fine = Camera(camera.model, np.concatenate([f, centre, camera.parameters[4:]]), (RAYS * width, RAYS * height))
         self.rays = fine.directions.astype(np.float32)
         del fine.__dict__["directions"]
+        self.field = np.abs(self.rays[:2] / self.rays[2]).max(axis=(1, 2))
 
     def picture(self, bodies: Sequence[Body], i: int) -> NDArray[np.float32]:
         """Return the grey levels (height, width) of picture ``i``, without blur and noise."""
@@ -97,12 +100,16 @@ class Renderer:
         if not seen.any():
             return
         height, width = face.texture.shape
-        texel = np.hypot(np.gradient(u, axis=1)[seen] * width, np.gradient(v, axis=1)[seen] * height)
-        level = int(np.clip(np.rint(np.log2(max(float(np.median(texel)), 1e-6))), 0, len(face.levels) - 1))
+        some = seen[::SPARSE, :-1:SPARSE]
+        by_u, by_v = (
+            (part[::SPARSE, 1::SPARSE] - part[::SPARSE, :-1:SPARSE])[some] for part in (width * u, height * v)
+        )
+        texel = float(np.median(np.hypot(by_u, by_v))) if some.any() else 1.0
+        level = int(np.clip(np.rint(np.log2(max(texel, 1e-6))), 0, len(face.levels) - 1))
         texture = face.levels[level]
-        at_u = np.where(seen, u, 0).astype(np.float32) * np.float32(texture.shape[1]) - np.float32(0.5)
-        at_v = np.where(seen, v, 0).astype(np.float32) * np.float32(texture.shape[0]) - np.float32(0.5)
-        drawn = cv2.remap(texture.astype(np.float32), at_u, at_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        at_u = np.where(seen, u, np.float32(0)) * np.float32(texture.shape[1]) - np.float32(0.5)
+        at_v = np.where(seen, v, np.float32(0)) * np.float32(texture.shape[0]) - np.float32(0.5)
+        drawn = cv2.remap(texture, at_u, at_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         world_normal = np.cross(face.along, face.across)
         light = AMBIENT + (1 - AMBIENT) * abs(float(world_normal @ LIGHT)) / float(np.linalg.norm(world_normal))
         part = grey[rows, columns]
@@ -122,8 +129,7 @@ class Renderer:
         if (rim[:, 2] <= 0.05 * np.linalg.norm(rim, axis=1)).any():
             return slice(0, height), slice(0, width)
         plain = rim[:, :2] / rim[:, 2:]
-        field = np.abs(self.rays[:2] / self.rays[2]).max(axis=(1, 2))
-        if (np.abs(plain) > 1.2 * field).any():
+        if (np.abs(plain) > 1.2 * self.field).any():
             return slice(0, height), slice(0, width)
         pixels = RAYS * (self.camera.seen(rim, np.eye(4)) + 0.5)
         (left, top), (right, bottom) = pixels.min(axis=0) - 3 * RAYS, pixels.max(axis=0) + 3 * RAYS
@@ -159,10 +165,10 @@ def rich(rng: np.random.Generator, shape: tuple[int, int], contrast: float = 1.0
     cv2 = opencv()
     height, width = shape
     grey = np.zeros(shape, np.float32)
-    for octave in range(2, 8):
+    for octave in range(3, 8):
         rows, columns = max(height >> octave, 2), max(width >> octave, 2)
         coarse = rng.standard_normal((rows, columns), dtype=np.float32)
-        grey += (3.0 + 1.5 * octave) * np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
+        grey += (1.0 + 2.0 * octave) * np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
     things = max(height * width // 6_000, 6)
     for _ in range(things):
         at = int(rng.integers(width)), int(rng.integers(height))
@@ -190,7 +196,7 @@ def rich(rng: np.random.Generator, shape: tuple[int, int], contrast: float = 1.0
     return _grey(middle + contrast * grey)
 
 
-def weak(rng: np.random.Generator, shape: tuple[int, int], contrast: float = 0.12) -> Picture:
+def weak(rng: np.random.Generator, shape: tuple[int, int], contrast: float = 0.2) -> Picture:
     """Return a texture as of a plain table: the same with little contrast."""
     return rich(rng, shape, contrast, middle=140.0)
 

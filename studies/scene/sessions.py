@@ -40,7 +40,7 @@ STEP = 0.05  # metres that it is moved by
 
 @dataclass(frozen=True)
 class Kind:
-    """What a session is like; the defaults are those of a table with boxes and 20 pictures."""
+    """Kind of a session; the defaults are a table with boxes and 20 pictures."""
 
     n: int = 20
     lens: str = "base"
