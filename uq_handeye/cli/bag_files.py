@@ -142,6 +142,11 @@ class BagGiven:
         matrix = None if seen is None else seen.options.camera_matrix
         info = None if matrix is None else info_of(matrix)
         found = camera_stream(recording, self.camera, tag=side, info=info, frame=files.camera_frame)
+        if found.by_corners and seen is not None and seen.options.pixel_origin is not None:
+            raise InputError(
+                "--pixel-origin: for finished poses. The corners of tags in a bag are read as their detector counts "
+                "pixels. Remove the option."
+            )
         sides["camera"] = found.stream
         if found.hint:
             LOG.info("%s: %s", recording.name, found.hint)

@@ -180,6 +180,8 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
     """Return pictures; those of a single tag are of a known camera."""
     if options.pixel_noise is not None:
         raise InputError("--pixel-noise: for finished camera poses, not for --images. Remove the option.")
+    if options.pixel_origin is not None:
+        raise InputError("--pixel-origin: for finished camera poses, not for --images. Remove the option.")
     if options.tag is not None:
         kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
         if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:

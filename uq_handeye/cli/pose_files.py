@@ -298,6 +298,7 @@ class PoseFiles(StreamFiles):
         noise: Any
         if views is not None:
             poses, _ = files._poses_and_noise(None, None, arm, sensors)
+            poses = views.poses_from_centre(poses)
             noise = views.noise_with(poses, given.noise_at(poses), given.prior)
             shared = of_all.errors(poses, None, given.file, views)
         else:

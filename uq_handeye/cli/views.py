@@ -8,6 +8,7 @@ from ..core.files.lines import floats
 from ..errors import InputError
 from .boards import BoardOptions, read_length
 from .options import Options
+from .values import one_of
 
 if TYPE_CHECKING:
     from ..core.geometry.se3 import Array
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 # Names of `shared_errors.camera_noise`, repeated here so that help and completion load quickly.
 INTRINSICS = ("estimated", "pinhole", "exact")
+# Names of `camera.pixel_origin`.
+PIXEL_ORIGINS = ("centre", "corner")
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,20 @@ class ViewOptions(Options):
         of ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of --bag also raw or
         rectified, the picture in which they were detected. Default there: as the corners fit.
       --tag LENGTH: Side of a single tag, e.g. 40mm, in place of --board; with --images that of the tag to look for.
+      --pixel-origin NAME <PIXEL_ORIGINS>: What the detector of the poses has at pixel (0, 0): the centre of the first
+        pixel or its corner, as AprilTag's libraries have. Default: centre.
       --pixel-noise PIXELS: Standard deviation of the corners, e.g. 0.2px. Default: estimated.
     """
 
     camera_matrix: str | None = None
     tag: str | None = None
+    pixel_origin: str | None = None
     pixel_noise: str | None = None
+
+    @property
+    def from_corner(self) -> bool:
+        """Return whether the pixels are counted from the corner of the first one."""
+        return self.pixel_origin is not None and one_of(self.pixel_origin, "--pixel-origin", PIXEL_ORIGINS) == "corner"
 
 
 @dataclass(frozen=True)
@@ -84,6 +95,16 @@ class Views:
             self.intrinsics,
             pixel_sd=self.options.pixel_noise,
         )
+
+    def poses_from_centre(self, poses: "PosePairs") -> "PosePairs":
+        """Return the poses as they are of pixels that are counted from the centre of the first one."""
+        if not self.options.from_corner or self.options.camera_matrix is None:
+            return poses
+        from ..model.camera.pixel_origin import pairs_from_centre
+        from ..model.shared_errors.camera_noise import lens_of
+
+        lens = lens_of(camera_of(self.options.camera_matrix).given)
+        return pairs_from_centre(poses, self._points(), lens.model.name, lens.parameters)
 
     @property
     def focal_length_px(self) -> float | None:

@@ -10,6 +10,7 @@ from ..messages import progress_wanted, timed
 from ..names import UNITS
 from ..pictures import LensOptions
 from ..values import one_of
+from ..views import PIXEL_ORIGINS
 
 TABLES = (".csv", ".txt", ".tsv")
 
@@ -20,6 +21,7 @@ def camera_command(
     lens: LensOptions,
     image_size: str | None = None,
     units: str | None = None,
+    pixel_origin: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
 ) -> int:
@@ -44,6 +46,8 @@ def camera_command(
     Options (Table of corners):
       * --image-size WxH: Size of the pictures (px), e.g. 1920x1080.
       --units UNIT <UNITS>: Length unit of the table of corners. Default: m.
+      --pixel-origin NAME <PIXEL_ORIGINS>: What the table has at pixel (0, 0): the centre of the first pixel or its
+        corner, as AprilTag's libraries have. Default: centre.
 
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for camera poses, intrinsics and report. It holds camera.csv,
@@ -60,8 +64,12 @@ def camera_command(
         size = None if image_size is None else read_two_numbers(image_size, "--image-size", "1920x1080")
         with timed(f"reading {files[0]}"):
             corners = read_corners(files[0], "m" if units is None else one_of(units, "--units", UNITS))
+        if pixel_origin is not None and one_of(pixel_origin, "--pixel-origin", PIXEL_ORIGINS) == "corner":
+            from ...model.camera.pixel_origin import corners_from_centre
+
+            corners = corners_from_centre(corners)
     else:
-        for name, value in (("--image-size", image_size), ("--units", units)):
+        for name, value in (("--image-size", image_size), ("--units", units), ("--pixel-origin", pixel_origin)):
             if value is not None:
                 raise InputError(f"{name} applies to a table of corners (.csv), not to pictures. Remove the option.")
         from ...model.camera.board import detect_board

@@ -47,6 +47,14 @@ def _(name: str) -> str:
     return f"The camera poses were converted to the optical frame (z ahead) from the convention {name!r}."
 
 
+@sentence("poses.pixel_origin", check=INPUT, phrase="camera poses of pixels counted from the corner of the first one")
+def _(shift: float) -> str:
+    return (
+        f"The camera poses were fitted again to pixels that are {shift:g} px smaller, as theirs were counted from the "
+        "corner of the first pixel (--pixel-origin corner)."
+    )
+
+
 @sentence("poses.inverted", check=INPUT, phrase=lambda v: f"{' and '.join(v['sides'])} poses inverted on request")
 def _(sides: Sequence[str], said: bool) -> str:
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}

@@ -127,7 +127,7 @@ def camera_noise(
     if C.ndim != 3:
         raise InputError(f"Expected `poses` to be one set, (n, 4, 4), got {C.shape}.")
     P = _checked_points(points)
-    lens = _lens_of(camera_matrix, image_size)
+    lens = lens_of(camera_matrix, image_size)
     views = _views(P, lens, intrinsics)
     _require_scale(C, P)
     _require_in_view(C, P, lens)
@@ -207,7 +207,8 @@ def _checked_points(points: ArrayLike) -> Array:
     return P
 
 
-def _lens_of(given: Any, image_size: tuple[int, int] | None) -> Lens:
+def lens_of(given: Any, image_size: tuple[int, int] | None = None) -> Lens:
+    """Return the lens of a ``camera_matrix`` as `camera_noise` takes it."""
     if isinstance(given, Lens):
         lens = given
     elif isinstance(given, CameraCalibration):

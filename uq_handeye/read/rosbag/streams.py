@@ -35,6 +35,7 @@ class BagStream:
     tag: float | None = None
     hint: str = ""  # what the bag holds beyond that
     minima: Minima | None = None  # both solutions of the poses of a tag
+    by_corners: bool = False  # poses of a tag that were computed here
 
 
 def read_bag(
@@ -138,7 +139,7 @@ def camera_stream(
             seen_tag = tag_poses(track[1], lens.info, tag)
             found = replace(seen_tag, notes=[*seen_tag.notes, lens.note])
             minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
-            return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima)
+            return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima, by_corners=True)
         if not connected:
             raise InputError(
                 f"--camera {spec}: {topic} holds corners of the tag in pixels, not its poses. Give the side of its "
