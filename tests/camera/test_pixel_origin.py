@@ -15,6 +15,7 @@ from uq_handeye.model.camera.pixel_origin import pairs_from_centre, poses_from_c
 
 cv2 = pytest.importorskip("cv2")
 POINTS = uq.tag_points("60mm")
+TAG = ("--tag", "60mm", "--camera-matrix", "750,746,320,240")
 INTRINSICS = np.array([CAMERA[0, 0], CAMERA[1, 1], CAMERA[0, 2], CAMERA[1, 2]])
 
 
@@ -86,7 +87,7 @@ def test_the_option_of_a_table_of_corners(tmp_path, rng):
     ("options", "message"),
     [
         (("camera.csv", "--pixel-origin", "corner"), "need --camera-matrix"),
-        (("camera.csv", "--tag", "60mm", "--camera-matrix", "1,1,1,1", "--pixel-origin", "edge"), "one of centre, corner"),
+        (("camera.csv", *TAG, "--pixel-origin", "edge"), "one of centre, corner"),
         (("--images", "*.png", "--tag", "60mm", "--pixel-origin", "corner"), "for finished camera poses"),
     ],
 )
