@@ -16,6 +16,7 @@ from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding, without_consequences
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.alphabetical_rows import alphabetical_rows
+from ..fit.input_checks.board_order import reordered_views
 from ..fit.input_checks.columns import check_poses
 from ..fit.input_checks.covariance_convention import convention_finding, is_isotropic
 from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
@@ -172,7 +173,11 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
 def misplaced_rows(
     poses: PosePairs, at: Unknowns | None = None, rejected: NDArray[np.bool_] | None = None
 ) -> list[Finding]:
-    """Return a finding if rows are in another order, or shifted: all, or a run of those that a fit rejected."""
+    """Return a finding if views are of a target that is turned or mirrored, if rows are in another order, or shifted:
+    all, or a run of those that a fit rejected.
+    """
+    if (reordered := reordered_views(poses, rejected)) is not None:
+        return [reordered]
     if (sorted_by_name := alphabetical_rows(poses)) is not None:
         return [sorted_by_name]
     if (shift := find_shift(poses)) is not None:

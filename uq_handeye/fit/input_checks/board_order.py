@@ -1,0 +1,116 @@
+r"""Views in which another program took the points of a symmetric target in another order, found by the robot poses.
+
+A rectangular grid without marks, such as a symmetric grid of circles, can be read from its four corners, along its rows
+or its columns. A reading that is turned by half a turn is the same grid turned about its normal. One that is mirrored
+fits the pixels of a flat target as well: its pose is that of the grid turned by half a turn about an axis in its plane,
+and faces away. Pose i is so ``C_i Q_i`` with a rotation Q_i of the group of the rectangle,
+
+    1,  R_z(180),  R_x(180),  R_y(180)
+
+or of the square, which has R_z(90), R_z(-90) and half turns about both diagonals in addition. With ``E_i X C_i = W``
+
+    angle(E_i^-1 E_j) = angle(C_i Q_i^-1 Q_j C_j^-1)
+
+whatever X and the middle of the target are. The estimate is the set of Q_i with the smallest sum of the differences of
+both sides, each limited (`board_rotation`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.rotations import Rotation
+from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import SOLUTION_ROUNDING
+from ...findings import Finding
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import rotation_angles
+from .board_rotation import DECISIVE_DIFFERENCE_RAD, MAX_ANGLE_DIFFERENCE_RAD
+
+# Fewest poses whose readings are looked for: fewer fit by chance.
+MIN_POSES_FOR_ORDER = 8
+# Poses that are read jointly; the others follow from these.
+MAX_JOINT_POSES = 60
+# Starts of the search, and rounds in each of which one pose is read again.
+STARTS, MAX_ROUNDS = 12, 200
+# Mean difference of the angles that poses may leave as they are read, and share of them that may be undecided.
+MAX_MEAN_DIFFERENCE_RAD, MAX_UNDECIDED_SHARE = np.radians(2.0), 0.2
+
+HALF, MIRRORED, QUARTER = "half", "mirrored", "quarter"
+_HALF_TURNS = [np.diag([-1.0, -1, 1]), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1])]
+RECTANGLE = np.array([np.eye(3), *_HALF_TURNS])
+SQUARE = np.array([*RECTANGLE, *(RECTANGLE @ Rotation.from_euler("z", 0.5 * np.pi).as_matrix())])
+KINDS = ("", HALF, MIRRORED, MIRRORED, QUARTER, QUARTER, MIRRORED, MIRRORED)
+
+
+def reordered_views(poses: PosePairs, rejected: NDArray[np.bool_] | None = None) -> Finding | None:
+    """Return a finding if the target of some views is turned or mirrored, and all views agree with the robot then.
+
+    ``rejected`` are the poses that a fit left out: where these are the views, X is that of the others.
+    """
+    if poses.n < MIN_POSES_FOR_ORDER or poses.camera.ndim != 3:
+        return None
+    E, C = poses.effective_robot[:, :3, :3], poses.camera[:, :3, :3]
+    read, decided = max((_read(E, C, group) for group in (RECTANGLE, SQUARE)), key=lambda found: found[1].sum())
+    if decided.mean() < 1.0 - MAX_UNDECIDED_SHARE or not read.any():
+        return None
+    rows = {
+        kind: [k for k, element in enumerate(read.tolist()) if KINDS[element] == kind]
+        for kind in (HALF, MIRRORED, QUARTER)
+    }
+    explained = rejected is not None and bool(rejected[read > 0].all())
+    return Finding("input_checks.board_order", "caution" if explained else "failure", dict(rows))
+
+
+def _read(E: Array, C: Array, group: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the element of the group (n,) by which each pose is turned, the commonest one 0, and of which poses (n,)
+    it is clear; others have 0.
+    """
+    n, table = len(C), _Table(group)
+    some = np.unique(np.linspace(0, n - 1, min(n, MAX_JOINT_POSES)).astype(int))
+    joint = _labels(_costs(E[some], C[some], E[some], C[some], group), table)
+    each = table.costs(_costs(E, C, E[some], C[some], group), joint) / len(some)
+    best, next_best = np.sort(each, axis=1)[:, :2].T
+    decided = (best < MAX_MEAN_DIFFERENCE_RAD) & (next_best > np.maximum(best + DECISIVE_DIFFERENCE_RAD, 2.0 * best))
+    labels = each.argmin(axis=1)
+    labels = table.ratio[labels, np.bincount(labels).argmax()]
+    return np.where(decided, labels, 0), decided
+
+
+class _Table:
+    """Products of the elements of a group."""
+
+    def __init__(self, group: Array) -> None:
+        quotients = group[:, None] @ group.mT
+        self.ratio = np.einsum("abij,cij->abc", quotients, group).argmax(axis=-1)  # (a, b): number of a b^-1
+
+    def costs(self, cost: Array, labels: NDArray[np.intp]) -> Array:
+        """Return the cost (n, g) of each element for pose i, the others (m,) as ``labels`` say; ``cost`` (n, m, g)."""
+        index = self.ratio[:, labels].T[None]  # (1, m, g)
+        return np.asarray(np.take_along_axis(cost, np.broadcast_to(index, cost.shape), axis=2).sum(axis=1))
+
+
+def _costs(E: Array, C: Array, E_others: Array, C_others: Array, group: Array) -> Array:
+    """Return how badly ``Q_i Q_j^-1`` of a group fits pose i and another one j, (n, m, g)."""
+    robot = rotation_angles(E[:, None].mT @ E_others)
+    camera = rotation_angles((C[:, None] @ group)[:, None] @ C_others[:, None].mT)
+    return np.asarray(np.minimum(np.abs(robot[..., None] - camera), MAX_ANGLE_DIFFERENCE_RAD))
+
+
+def _labels(cost: Array, table: _Table) -> NDArray[np.intp]:
+    """Label all poses as they fit one of them, for several such starts; then one after the other as they fit all."""
+    every, best = np.arange(len(cost)), (np.inf, np.zeros(len(cost), dtype=np.intp))
+    for first in np.unique(np.linspace(0, len(cost) - 1, min(len(cost), STARTS)).astype(int)):
+        labels = cost[:, first].argmin(axis=1).astype(np.intp)
+        for _ in range(MAX_ROUNDS):
+            each = table.costs(cost, labels)
+            gain = each[every, labels] - each.min(axis=1)
+            worst = int(np.argmax(gain))
+            if gain[worst] <= SOLUTION_ROUNDING:
+                break
+            labels[worst] = each[worst].argmin()
+        total = float(each[every, labels].sum())
+        if total < best[0]:
+            best = total, labels
+    return best[1]
