@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures.arms import SIX_AXES, motion
+from fixtures.arms import SIX_AXES, mjcf_of, motion
 from fixtures.commands import run
 from scipy import stats
 from support import CONFIDENCE, SEED, difference, moved, random_transforms
@@ -384,3 +384,22 @@ def test_a_real_arm_by_its_joints():
     np.testing.assert_allclose(1e3 * np.array(found["X"])[:3, 3], [94.6, -11.4, 39.1], atol=1.5)
     text = run("calibrate", "tcp.csv", "camera.csv", *arguments, "-v", cwd=folder).stdout
     assert "after a tool frame of 45 deg" in " ".join(text.split())
+
+
+# --------------------------------------------------------------------------------------------------------------- MJCF
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The target is ahead")  # it is anywhere
+def test_an_mjcf_model_gives_the_result_of_the_urdf(cell):
+    folder, _, _ = cell
+    (folder / "arm.xml").write_text(mjcf_of(ARM), encoding="utf-8")
+    mjcf = ("--joints", "joints.csv", "--robot-model", "arm.xml", "--tip", "tool")
+    found, same = (found_in(folder, "camera.csv", *chain, *GIVEN) for chain in (mjcf, CHAIN))
+    np.testing.assert_allclose(found["X"], same["X"], atol=1e-9)
+    np.testing.assert_allclose(found["covariance"], same["covariance"], rtol=1e-6)
+
+
+def test_base_and_tip_are_for_a_model_in_a_file(cell):
+    chain = ("--joints", "joints.csv", "--robot-model", "ur5e", "--tip", "tool")
+    assert "--tip: not used with --robot-model" in refusal(cell[0], "camera.csv", *chain)

@@ -9,6 +9,7 @@ import pytest
 from fixtures.arms import SIX_AXES
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kinematics.poses_of_mujoco import MODELS
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.kinematics.chain import Kinematics
@@ -55,13 +56,14 @@ def joints(path):
     ("read", "seed", "suffix"),
     [
         (Kinematics.from_urdf, SIX_AXES.encode(), "urdf"),
+        (Kinematics.from_mjcf, MODELS["radians"][0].encode(), "xml"),
         (Kinematics.from_dh, DH, "csv"),
         (Kinematics.from_dh, TOML, "toml"),
         (Kinematics.from_ur_calibration, YAML, "yaml"),
         (joints, CSV, "csv"),
         (joints, ROS, "csv"),
     ],
-    ids=["urdf", "dh", "toml", "ur", "joints", "ros"],
+    ids=["urdf", "mjcf", "dh", "toml", "ur", "joints", "ros"],
 )
 def test_exchanged_pieces(read, seed, suffix):
     with tempfile.TemporaryDirectory() as folder:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from fixtures.arms import SIX_AXES, random_transform
+from fixtures.arms import SIX_AXES, mjcf_of, random_transform
 from fixtures.bags import START, Writer
 from fixtures.rigs_on_arms import ARM, CENTRE, GEOMETRY
 from fixtures.streams import motion
@@ -89,6 +89,16 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
     assert not again.check(rig).changed
     assert again.predict("left", [0, 0, 0.5], {"arm": rig.arms["arm"].poses[:3]}).points.shape == (3, 1, 3)
     assert len(again.plan(k=2, sample=20).steps) == 2
+
+
+def test_an_mjcf_model_with_its_tip(tmp_path):
+    of_arm(tmp_path, np.random.default_rng(1))
+    text = (tmp_path / "rig.toml").read_text()
+    chain = read_rig(tmp_path / "rig.toml")[0].arms["arm"].kinematics
+    (tmp_path / "arm.xml").write_text(mjcf_of(chain))
+    (tmp_path / "rig.toml").write_text(text.replace('urdf = "arm.urdf"', 'robot_model = "arm.xml"\ntip = "tool"'))
+    arm = read_rig(tmp_path / "rig.toml")[0].arms["arm"]
+    np.testing.assert_allclose(arm.kinematics.poses(arm.joints), chain.poses(arm.joints), atol=1e-12)
 
 
 def test_poses_beside_joints_and_a_model_without_joints(tmp_path):

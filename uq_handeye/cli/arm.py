@@ -68,12 +68,12 @@ class ChainOptions(Options):
       * --joints FILE.csv: Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF (of
         other arms numbered, e.g. J1, or as their driver names them), and one row per pose. The robot poses follow from
         the joints; a single file argument is CAMERA.
-      * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, in place of --urdf. Its nominal kinematics are
-        used, with or without --joints. Names: {ROBOT_MODELS}.
+      * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, or MJCF model FILE.xml, in place of --urdf. The
+        nominal kinematics are used, with or without --joints. Names: {ROBOT_MODELS}.
       * --urdf FILE.urdf: Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the
         poses in ROBOT by inverse kinematics.
-      --base LINK: Base link of the robot poses. Default: the root of the URDF.
-      --tip LINK: Flange or tool link of the robot poses, e.g. tool0. Default: the only leaf of the URDF.
+      --base LINK: Base link of the robot poses. Default: the root of the URDF, the world of an MJCF model.
+      --tip LINK: Flange or tool link (MJCF: body or site) of the robot poses, e.g. tool0. Default: the only leaf.
       --dh FILE: Denavit-Hartenberg parameters (CSV or TOML), in place of --urdf, with or without --joints.
       --ur-calibration FILE.yaml: Kinematic calibration of a Universal Robots arm, in place of --urdf or applied to it.
     """
@@ -89,6 +89,8 @@ class ChainOptions(Options):
 
     def require(self, others: list[str]) -> None:
         """Raise `InputError` unless the options name one robot model; ``others`` need it, too."""
+        from ..model.kinematics.descriptions.mjcf import is_mjcf
+
         whole = [name for name in ("--dh", "--robot-model") if name in self.given]
         if not whole and self.urdf is self.ur_calibration is None:
             if self.joints is not None:
@@ -97,7 +99,8 @@ class ChainOptions(Options):
                 )
             given = ", ".join([*self.given, *others])
             raise InputError(f"{given}: needs a robot model. Add --urdf robot.urdf or --robot-model NAME.")
-        parts = ("--urdf", "--base", "--tip", "--ur-calibration", *whole[1:])
+        ends = () if self.robot_model is not None and is_mjcf(self.robot_model) else ("--base", "--tip")
+        parts = ("--urdf", *ends, "--ur-calibration", *whole[1:])
         if whole and (wrong := [name for name in parts if name in self.given]):
             raise InputError(
                 f"{', '.join(wrong)}: not used with {whole[0]}, which describes the whole arm. Remove one of them."
@@ -110,9 +113,12 @@ class ChainOptions(Options):
     def kinematics(self) -> "Kinematics":
         """Read the kinematic chain."""
         from ..model.kinematics.chain import Kinematics
+        from ..model.kinematics.descriptions.mjcf import is_mjcf
 
         if self.robot_model is not None:
             with naming_option("--robot-model"):
+                if is_mjcf(self.robot_model):
+                    return Kinematics.from_mjcf(self.robot_model, self.base, self.tip)
                 return Kinematics.from_name(self.robot_model)
         if self.dh is not None:
             return Kinematics.from_dh(self.dh)

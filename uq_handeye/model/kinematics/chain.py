@@ -39,6 +39,7 @@ from ...errors import InputError, require_known
 from ..noise.joint_covariance import JointCovariance
 from .arms.known_arms import arm_names, known_arm
 from .descriptions.dh import read_dh
+from .descriptions.mjcf import read_mjcf
 from .descriptions.universal_robots import read_ur_calibration
 from .descriptions.urdf import read_urdf
 from .errors import (
@@ -137,6 +138,24 @@ class Kinematics(ReadOnlyArrays):
         (z).
         """
         return cls._from_parts(read_urdf(path_or_text, base, tip), up)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path_or_text: StrPath,
+        base: str | None = None,
+        tip: str | None = None,
+        *,
+        up: ArrayLike | None = None,
+    ) -> Kinematics:
+        """Read the chain from ``base`` to ``tip`` of an MJCF model: a file, or its text if it starts with ``<``.
+
+        Left out, ``base`` is the world and ``tip`` the one body at an end behind a moving joint; the tip may be a site.
+        Joint values are MuJoCo's ``qpos``, in rad and m. Ball and free joints, joints that an ``<equality>`` couples,
+        and models of several files are refused, by name. ``up`` is the direction against gravity in the base; left
+        out, the opposite of the gravity of the file.
+        """
+        return cls._from_parts(read_mjcf(path_or_text, base, tip), up)
 
     @classmethod
     def from_dh(

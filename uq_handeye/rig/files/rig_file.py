@@ -12,12 +12,12 @@
     target = "board"
     file = "left.csv"
 
-An arm has ``poses``, or ``joints`` with a robot model (``robot_model``, ``urdf``, ``dh`` or ``ur_calibration``, with
-``base`` and ``tip``), or both; or ``bag`` with the ``topic`` (or frames) of its poses or joints. A view has a ``file``
-of poses or the folder of ``camera -o`` or ``points -o``; or ``corners`` with known ``intrinsics`` (of the view or its
-camera); or a ``bag`` with its ``topic``, and ``tag``, the side of a tag seen by its corners. ``known`` in any of the
-tables names a file with a pose known beforehand and its covariance. ``units``, ``format``, ``rotation`` and ``frame``
-of a file say how it is read, as the options of ``calibrate`` do.
+An arm has ``poses``, or ``joints`` with a robot model (``robot_model``, a name or an MJCF file, ``urdf``, ``dh`` or
+``ur_calibration``, with ``base`` and ``tip``), or both; or ``bag`` with the ``topic`` (or frames) of its poses or
+joints. A view has a ``file`` of poses or the folder of ``camera -o`` or ``points -o``; or ``corners`` with known
+``intrinsics`` (of the view or its camera); or a ``bag`` with its ``topic``, and ``tag``, the side of a tag seen by its
+corners. ``known`` in any of the tables names a file with a pose known beforehand and its covariance. ``units``,
+``format``, ``rotation`` and ``frame`` of a file say how it is read, as the options of ``calibrate`` do.
 
 Rows are matched by their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0), or
 by the number of the pose (`pose_rows`), never by their order; files that name no poses only where all have as many. The

@@ -23,6 +23,7 @@ from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.descriptions.mjcf import is_mjcf
 from ...model.poses.pose_pairs import joint_values_at
 from ...model.poses.stream import Stream
 from ...read.joints import read_joint_file
@@ -50,12 +51,16 @@ def kinematics_of(entry: Mapping[str, Any], folder: Path, where: str) -> Kinemat
         if wrong := [key for key in ("base", "tip", "joint_units", "robot_class") if key in entry]:
             raise InputError(f"{where} has {wrong[0]} and no robot model. Add one of {', '.join(MODELS)}.")
         return None
-    if set(given) - {"urdf", "ur_calibration"} and (len(given) > 1 or base is not None or tip is not None):
-        others = [*given[1:], *(key for key in ("base", "tip") if key in entry)]
+    mjcf = given == ["robot_model"] and is_mjcf(entry["robot_model"])
+    ends = [] if mjcf else [key for key in ("base", "tip") if entry.get(key) is not None]
+    if set(given) - {"urdf", "ur_calibration"} and (len(given) > 1 or ends):
+        others = [*given[1:], *ends]
         raise InputError(
             f"{where} has {others[0]} beside {given[0]}, which describes the whole arm. Remove one of them."
         )
     file = {name: folder / entry[name] for name in given}
+    if mjcf:
+        return Kinematics.from_mjcf(file["robot_model"], base, tip)
     if "robot_model" in entry:
         return Kinematics.from_name(entry["robot_model"])
     if "dh" in entry:

@@ -82,7 +82,7 @@ def read_urdf(path_or_text: StrPath, base: str | None = None, tip: str | None = 
 
 def read_tree(path_or_text: StrPath) -> Tree:
     """All links and joints."""
-    return _parse(*urdf_text(path_or_text))
+    return _parse(*description_text(path_or_text))
 
 
 def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str, Array]) -> ChainParts:
@@ -104,19 +104,19 @@ def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str
     return ChainParts(tree.name or "robot", base, tip, tuple(joints), T)
 
 
-def urdf_text(path_or_text: StrPath) -> tuple[str, str]:
-    """The text of a URDF and what to call it in messages."""
+def description_text(path_or_text: StrPath, what: str = "a URDF") -> tuple[str, str]:
+    """Return the text of a description of a robot, which may be given itself, and what to call it in messages."""
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         if len(path_or_text) > MAX_DESCRIPTION_BYTES:
-            raise InputError(f"Expected a URDF of at most {MAX_DESCRIPTION_BYTES / 1e6:g} MB, got more.")
-        return path_or_text.lstrip("\ufeff \t\r\n"), "the URDF"
+            raise InputError(f"Expected {what} of at most {MAX_DESCRIPTION_BYTES / 1e6:g} MB, got more.")
+        return path_or_text.lstrip("\ufeff \t\r\n"), f"the {what.partition(' ')[2]}"
     path = as_path(path_or_text)
     if os.fspath(path).endswith(".xacro"):
         raise InputError(f"{shown(path)} is a xacro file; run xacro first: xacro {path.name} > robot.urdf.")
     with opened(path, MAX_DESCRIPTION_BYTES) as file:
         data = file.read()
     name = shown(path)
-    return decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected a URDF").lstrip(), name
+    return decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected {what}").lstrip(), name
 
 
 def _parse(text: str, where: str) -> Tree:
@@ -137,7 +137,8 @@ def _parse(text: str, where: str) -> Tree:
         if tag.startswith("xacro:"):
             raise InputError(f"{at()}: <{one_line(tag)}> is xacro, not URDF; run xacro first: xacro NAME > robot.urdf.")
         if not stack and tag != "robot":
-            raise InputError(f"{at()}: expected a URDF, which starts with <robot>, got <{one_line(tag)}>.")
+            hint = "; give an MJCF model by --robot-model FILE.xml" if tag == "mujoco" else ""
+            raise InputError(f"{at()}: expected a URDF, which starts with <robot>, got <{one_line(tag)}>{hint}.")
         if len(stack) >= MAX_DEPTH:
             raise InputError(f"{at()}: expected at most {MAX_DEPTH} levels, got more.")
         stack.append(tag)
@@ -213,7 +214,7 @@ def _root(tree: Tree) -> str:
         raise InputError(f"{tree.where}: there are no links; is it a URDF?")
     if not roots:
         raise InputError(f"{tree.where}: the joints form a loop, no link is the root; give the base.")
-    raise InputError(f"{tree.where}: expected one root link, got {_some(roots)}; give the base.")
+    raise InputError(f"{tree.where}: expected one root link, got {some(roots)}; give the base.")
 
 
 def _leaf(tree: Tree, base: str) -> str:
@@ -237,10 +238,11 @@ def _leaf(tree: Tree, base: str) -> str:
     usual = [name for name in FLANGES if name in seen]
     leaves = sorted(leaves, key=lambda name: name not in FLANGES)
     hint = f"; usual is {usual[0]}" if usual else ""
-    raise InputError(f"{tree.where}: the arm has several ends, {_some(leaves)}; give the tip{hint}.")
+    raise InputError(f"{tree.where}: the arm has several ends, {some(leaves)}; give the tip{hint}.")
 
 
-def _some(names: list[str]) -> str:
+def some(names: list[str]) -> str:
+    """Return the first of many names for a message."""
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     return ", ".join(map(short, names[:8])) + more
 
@@ -272,7 +274,7 @@ def _ancestors(tree: Tree, link: str) -> list[_Joint]:
         joints = tree.above[link]
         if len(joints) > 1:
             raise InputError(
-                f"{tree.where}: the joints {_some([joint.name for joint in joints])} lead to the same link "
+                f"{tree.where}: the joints {some([joint.name for joint in joints])} lead to the same link "
                 f"{short(link)}, a loop; expected a serial chain."
             )
         link = joints[0].parent
@@ -375,7 +377,7 @@ def with_origins(path_or_text: StrPath, origins: Mapping[str, Placed], comment: 
     Raises `InputError` as `urdf.read_tree`, for the same files.
     """
     read_tree(path_or_text)  # refuses what is no URDF, document types and entities
-    data = urdf_text(path_or_text)[0].encode()
+    data = description_text(path_or_text)[0].encode()
     parser = expat.ParserCreate("UTF-8")
     stack: list[tuple[str, str]] = []
     edits: list[tuple[int, int, str]] = []  # first byte, end, what takes its place
