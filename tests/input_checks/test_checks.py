@@ -128,6 +128,7 @@ def test_one_wrong_detection():
     assert "rotation angles" not in text  # those of the rows that count agree
     assert "1 of 40 poses was rejected" in text
     assert "pose 7 (" in text
+    assert "The board is turned by half a turn in view 7 (counted from 0)" in text
 
 
 @pytest.mark.slow

@@ -55,12 +55,12 @@ def reordered_views(poses: PosePairs, rejected: NDArray[np.bool_] | None = None)
     read, decided = max((_read(E, C, group) for group in (RECTANGLE, SQUARE)), key=lambda found: found[1].sum())
     if decided.mean() < 1.0 - MAX_UNDECIDED_SHARE or not read.any():
         return None
-    rows = {
+    rows: dict[str, object] = {
         kind: [k for k, element in enumerate(read.tolist()) if KINDS[element] == kind]
         for kind in (HALF, MIRRORED, QUARTER)
     }
-    explained = rejected is not None and bool(rejected[read > 0].all())
-    return Finding("input_checks.board_order", "caution" if explained else "failure", dict(rows))
+    left_out = rejected is not None and bool(rejected[read > 0].all())
+    return Finding("input_checks.board_order", "caution" if left_out else "failure", rows | {"rejected": left_out})
 
 
 def _read(E: Array, C: Array, group: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

@@ -634,13 +634,13 @@ def _(rows: Sequence[int], angle: float) -> str:
 @sentence(
     "input_checks.board_order",
     rank=3,
-    explains=True,
+    explains=lambda v: not v["rejected"],
     explained=True,
     phrase="the target is turned or mirrored in some views",
     remedy="give the corners of these views in the order of the others, or the pictures themselves (--images)",
     rows=("half", "mirrored", "quarter"),
 )
-def _(half: Sequence[int], mirrored: Sequence[int], quarter: Sequence[int]) -> str:
+def _(half: Sequence[int], mirrored: Sequence[int], quarter: Sequence[int], rejected: bool) -> str:
     def views(rows: Sequence[int]) -> str:
         return f"view{'s' * (len(rows) > 1)} {', '.join(map(str, rows))}"
 
@@ -649,7 +649,8 @@ def _(half: Sequence[int], mirrored: Sequence[int], quarter: Sequence[int]) -> s
     return (
         f"The board is {said} (counted from 0): its points were taken in another order than in the other views, with "
         "which all views agree with the robot. A grid without marks, such as a symmetric grid of circles, is read from "
-        "any of its corners. Give the pictures (--images), use a target with marks, or exclude these views."
+        "any of its corners. Give the pictures (--images), use a target with marks, or exclude these views"
+        f"{', as was done here' if rejected else ''}."
     )
 
 
