@@ -13,6 +13,7 @@ gripper_T_camera [0.34 0.34 0.28] mm
 import typing as _typing
 
 if _typing.TYPE_CHECKING:
+    from .calibration.by_scene import scene_poses
     from .calibration.calibrate import calibrate
     from .calibration.evidence.touches import Touches
     from .calibration.of_camera import of_camera
@@ -227,6 +228,7 @@ __all__ = [
     "resolve_board_rotation",
     "resolve_pose_ambiguity",
     "sample_posterior",
+    "scene_poses",
     "se3_from_so4",
     "simulate",
     "simulate_rig",
@@ -245,6 +247,7 @@ __all__ = [
 
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
+    "calibration.by_scene": ("scene_poses",),
     "calibration.calibrate": ("calibrate",),
     "calibration.of_camera": ("of_camera",),
     "calibration.result": ("Calibration", "load"),

@@ -29,6 +29,7 @@ from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.scale_start import start_scale
+from ..fit.likelihood.screws import scale_by_screws
 from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.error_terms.sizes import Size
 from ..model.poses.camera_scale import CameraScale
@@ -235,7 +236,7 @@ def _answer(
     """
     if isinstance(data, PosePairs) and without_positions(data):
         return _by_rotation(request, data, selection, said)
-    if request.opens_scale:
+    if request.opens_scale or (isinstance(data, PosePairs) and data.scene is not None):
         return _with_open_scale(request, data, selection, said)
     result, findings = _found(request, data, selection, said)
     warn(findings, 3)
@@ -246,14 +247,16 @@ def _with_open_scale(
     request: Request, data: PosePairs | Motions, selection: Selection | None, said: Sequence[Finding]
 ) -> Calibration:
     """Return X of camera poses of unknown scale: one more unknown, about which the poses are scaled again."""
-    if not isinstance(data, PosePairs) or data.known_camera is not None or request.noise is not None:
+    of_scene = isinstance(data, PosePairs) and data.scene is not None
+    if not isinstance(data, PosePairs) or (data.camera_known and not of_scene) or request.noise is not None:
         raise InputError(
             "An unknown scale of the camera needs camera poses of another program and estimated noise: motions, "
             "corners of a board and given noise have a scale. Leave out camera_scale (--camera-scale), or the noise."
         )
     if request.taken_method not in ESTIMATORS:
         raise InputError(f"Method {request.taken_method!r} takes no unknown scale; use efficient or ml.")
-    factor = start_scale(data.effective_robot, data.camera, request.seed)
+    by_screws = scale_by_screws(data.effective_robot, data.camera)
+    factor = start_scale(data.effective_robot, data.camera, request.seed) if by_screws is None else by_screws[0]
     if factor is None:
         raise InputError(
             "The poses do not determine the scale of the camera. Its lengths must change with those of the robot: "
@@ -261,17 +264,15 @@ def _with_open_scale(
         )
     opened = request.with_scale(data.intrinsics_covered)
     for _ in range(MAX_SCALINGS):
-        camera = data.camera.copy()
-        camera[:, :3, 3] *= factor
-        scaled = replace(data, camera=camera)
-        result, findings = _found(opened, scaled, selection, said)
+        result, findings = _found(opened, data.scaled(factor), selection, said)
         (error,) = [one for one in result.shared_at_sizes if one.key == CAMERA_SCALE]
         # the poses used are (1 + e) times as large as true ones
         if abs(error.estimate) < max(0.1 * error.sd, SCALE_ROUNDING):
             break
         factor /= 1.0 + error.estimate
     scale = CameraScale(factor, factor * error.sd)
-    finding = Finding("calibration.camera_scale", "note", {"factor": scale.factor, "std": scale.std})
+    code = "calibration.scene_scale" if of_scene else "calibration.camera_scale"
+    finding = Finding(code, "note", {"factor": scale.factor, "std": scale.std})
     findings = [*findings, finding]
     warn(findings, 4)
     return replace(result, camera_scale=scale, findings=tuple(findings))

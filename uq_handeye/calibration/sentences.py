@@ -358,6 +358,13 @@ def _(factor: float, std: float) -> str:
     )
 
 
+@sentence("calibration.scene_scale")
+def _(factor: float, std: float) -> str:
+    if abs(factor - 1.0) < max(5.0 * std, 0.01):  # lengths are those of the robot already
+        return f"The unit of the scene is the robot's metre, to {digits(100 * std / factor, 1)} %."
+    return f"1 unit of the scene is {concise(1e3 * factor, 1e3 * std, 'mm')}, by the robot."
+
+
 @sentence("calibration.excluded")
 def _(excluded: Sequence[int], fit: Sequence[int] | None, limit: float | None, n: int) -> str:
     one = len(excluded) == 1

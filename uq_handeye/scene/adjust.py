@@ -26,13 +26,18 @@ from .lens import MODEL, Lens
 from .tracks import Tracks
 
 # Rounds with a new pixel noise, and steps within one.
-MAX_ROUNDS, MAX_STEPS = 6, 20
-# A round ends where a step decreases the robust cost by less than this; all end where the pixel noise changes by less.
-MIN_GAIN, NOISE_ROUNDING = 1e-2, 1e-3
+MAX_ROUNDS, MAX_STEPS = 15, 3
+# Squared length, in standard deviations, of a step of all poses and the lens that is the last one; relative change of
+# the pixel noise that is none, and that of rounds near the end.
+MIN_STEP, NOISE_ROUNDING, NOISE_NEAR = 2e-2, 5e-3, 0.1
+# Weights that decrease with the residual make steps by them alone too short, by about this factor.
+STEP_LENGTH = 1.5
 # Damping of the steps, relative to the diagonal: start, least and most.
 START_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e-9, 1e6
 # Least pixel noise.
 LEAST_NOISE = 1e-6
+# Points of which the normal equations are formed at once; share of its trace that is added to the matrix of a point.
+POINTS_AT_ONCE, RELATIVE_RIDGE = 2000, 1e-12
 # Depth in front of a camera below which a point counts as behind it, in medians of the depths.
 LEAST_DEPTH = 1e-3
 
@@ -97,6 +102,14 @@ class Pull(ReadOnlyArrays):
         slope = self.information @ off
         return float(off @ slope), slope
 
+    def of_pictures(self, kept: NDArray[np.intp]) -> Pull:
+        """Return the knowledge of some of the poses, the others integrated over."""
+        index = (6 * kept[:, None] + np.arange(6)).ravel()
+        rest = np.setdiff1d(np.arange(len(self.information)), index)
+        M = self.information
+        gain = M[np.ix_(index, rest)] @ np.linalg.pinv(M[np.ix_(rest, rest)], 1e-12, hermitian=True)
+        return Pull(self.poses[kept], M[np.ix_(index, index)] - gain @ M[np.ix_(rest, index)])
+
 
 @dataclass(frozen=True, eq=False)
 class Reduced(ReadOnlyArrays):
@@ -137,56 +150,56 @@ def weights_of(residuals: Array, s: float) -> Array:
 
 def reduce(scene: Scene, s: float, weights: Array | None = None, damping: float = 0.0) -> Reduced:
     """Form the normal equations at a scene, with pixel noise s; weights None: those of the residuals."""
-    from scipy.sparse import csr_array
-
-    t, n = scene.tracks, scene.tracks.n
-    C = scene.poses[t.picture]
+    t, n, f = scene.tracks, scene.tracks.n, scene.lens.f
+    R = scene.poses[t.picture, :3, :3]
     seen = scene._seen()
     found = MODEL.project(scene.lens.values, seen, scene.lens.free)
     r = found.pixels - t.pixels
     w = weights_of(r, s) if weights is None else weights
     root = (np.sqrt(w) / s)[:, None, None]
     J = root * found.by_point
-    A = J @ C[:, :3, :3]
-    B = np.concatenate([-J @ skew(seen - C[:, :3, 3]), J], axis=-1)
-    K, r = root * found.by_parameters, root[..., 0] * r
-    f = K.shape[-1]
-    U = _by_picture(t, B.mT @ B)
-    B_K, g_c = _by_picture(t, B.mT @ K), _by_picture(t, (B.mT @ r[..., None])[..., 0])
-    K_K, g_k = np.einsum("nak,nal->kl", K, K), np.einsum("nak,na->k", K, r)
+    A = J @ R
+    # of each observation: B (2, 6), K (2, f), r (2,)
+    rows = np.empty((len(t), 2, 7 + f))
+    rows[..., :3] = -J @ skew(seen - scene.poses[t.picture, :3, 3])
+    rows[..., 3:6] = J
+    rows[..., 6 : 6 + f] = root * found.by_parameters
+    rows[..., 6 + f] = root[..., 0] * r
+    normal = np.zeros((n, 7 + f, 7 + f))
+    for k, of_picture in enumerate(t.of_each_picture):
+        some = rows[of_picture].reshape(-1, 7 + f)
+        normal[k] = some.T @ some
     prior, by_lens = scene.lens.prior_rows()
-    K_K, g_k = K_K + by_lens.T @ by_lens, g_k + by_lens.T @ prior
-    V = t.by_point(A.mT @ A)
-    W, W_k = A.mT @ B, t.by_point(A.mT @ K)
-    slope = t.by_point((A.mT @ r[..., None])[..., 0])
+    U, V = normal[:, :6, :6].copy(), t.by_point(A.mT @ A)
+    lens, slope_of_lens = normal[:, 6:-1, 6:-1].sum(axis=0), normal[:, 6:-1, -1].sum(axis=0)
+    lens, slope_of_lens = lens + by_lens.T @ by_lens, slope_of_lens + by_lens.T @ prior
+    W = A.mT @ rows  # (N, 3, 7 + f)
+    of_points = t.by_point(W[..., 6:])  # (m, 3, f + 1)
+    W = W[..., :6]
     own = U.copy()
     if damping:
-        for M in (U, V):
+        for M in (U, V, lens[None]):
             M += damping * M * np.eye(M.shape[-1])
-        K_K = K_K + damping * K_K * np.eye(f)
-    half = np.linalg.inv(np.linalg.cholesky(V + 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3)))
-    Y, Y_k, y = half[t.point] @ W, half @ W_k, (half @ slope[..., None])[..., 0]  # (N, 3, 6), (m, 3, f), (m, 3)
-    columns = np.repeat(6 * t.picture[:, None] + np.arange(6), 3, axis=0)  # one line of Y in each
-    lines = (3 * t.point[:, None] + np.arange(3)).ravel()
-    order = np.argsort(lines, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(6 * np.bincount(lines, minlength=3 * t.m))])
-    sparse = csr_array((Y.reshape(-1, 6)[order].ravel(), columns[order].ravel(), starts), shape=(3 * t.m, 6 * n))
-    S = np.zeros((6 * n + f, 6 * n + f))
-    S[: 6 * n, : 6 * n] = -(sparse.T @ sparse).toarray()
+    ridge = RELATIVE_RIDGE * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    half = np.linalg.inv(np.linalg.cholesky(V + ridge))
+    Y, y = half[t.point] @ W, half @ of_points  # (N, 3, 6), (m, 3, f + 1)
+    S, g = np.zeros((6 * n + f, 6 * n + f)), np.zeros(6 * n + f)
     blocks = S[: 6 * n, : 6 * n].reshape(n, 6, n, 6)
-    blocks[np.arange(n), :, np.arange(n), :] += U
-    S[: 6 * n, 6 * n :] = B_K.reshape(6 * n, f) - sparse.T @ Y_k.reshape(-1, f)
+    blocks[np.arange(n), :, np.arange(n), :] = U
+    S[: 6 * n, 6 * n :], g[: 6 * n] = normal[:, :6, 6:-1].reshape(6 * n, f), normal[:, :6, -1].ravel()
+    S[6 * n :, 6 * n :], g[6 * n :] = lens, slope_of_lens
+    ends = np.append(t.first, len(t))
+    for start in range(0, t.m, POINTS_AT_ONCE):
+        stop = min(start + POINTS_AT_ONCE, t.m)
+        part = slice(ends[start], ends[stop])
+        dense = np.zeros((stop - start, 3, n, 6))
+        dense[t.point[part] - start, :, t.picture[part]] = Y[part]
+        whole = np.concatenate([dense.reshape(-1, 6 * n), y[start:stop].reshape(-1, f + 1)], axis=-1)
+        product = whole.T @ whole
+        S -= product[:-1, :-1]
+        g -= product[:-1, -1]
     S[6 * n :, : 6 * n] = S[: 6 * n, 6 * n :].T
-    S[6 * n :, 6 * n :] = K_K - Y_k.reshape(-1, f).T @ Y_k.reshape(-1, f)
-    g = np.concatenate([g_c.ravel() - sparse.T @ y.ravel(), g_k - Y_k.reshape(-1, f).T @ y.ravel()])
-    return Reduced(0.5 * (S + S.T), g, own, (half.mT @ half, W, W_k, slope), t)
-
-
-def _by_picture(t: Tracks, values: Array) -> Array:
-    """Sum values (N, ...) over the observations of each picture: (n, ...)."""
-    found = np.zeros((t.n, *values.shape[1:]))
-    np.add.at(found, t.picture, values)
-    return found
+    return Reduced(0.5 * (S + S.T), g, own, (half.mT @ half, W, of_points[..., :-1], of_points[..., -1]), t)
 
 
 def adjust(scene: Scene, pull: Pull | None = None) -> tuple[Scene, float]:
@@ -199,18 +212,19 @@ def adjust(scene: Scene, pull: Pull | None = None) -> tuple[Scene, float]:
     NotConvergedError
         No step decreases the cost from the start, or the numbers are not finite.
     """
-    s = pixel_noise(scene, scene.residuals())
-    damping = START_DAMPING
+    s, damping, length = pixel_noise(scene, scene.residuals()), START_DAMPING, 1.0
     for _ in range(MAX_ROUNDS):
-        scene, damping = _round(scene, s, pull, damping)
+        scene, damping, settled = _round(scene, s, pull, damping, length)
         before, s = s, pixel_noise(scene, scene.residuals())
-        if abs(np.log(s / before)) < NOISE_ROUNDING:
+        change = abs(np.log(s / before))
+        if settled and change < NOISE_ROUNDING:
             break
+        length = STEP_LENGTH if change < NOISE_NEAR else 1.0
     return scene, s
 
 
-def _round(scene: Scene, s: float, pull: Pull | None, damping: float) -> tuple[Scene, float]:
-    """Minimise the robust cost with pixel noise s by damped Gauss-Newton steps."""
+def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: float) -> tuple[Scene, float, bool]:
+    """Decrease the robust cost with pixel noise s by damped Gauss-Newton steps; return whether these converged."""
     cost = _cost(scene, s, pull)
     if not np.isfinite(cost):
         raise NotConvergedError("The adjustment of the scene started from numbers that are not finite.", scene)
@@ -223,19 +237,20 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float) -> tuple[S
                 H[:k, :k] += pull.information
                 g[:k] += pull.at(scene.poses)[1]
             unit = 1.0 / np.sqrt(np.diag(H))
-            step = -unit * np.linalg.lstsq(H * np.outer(unit, unit), unit * g, rcond=1e-14)[0]
-            tried = _stepped(scene, at, step)
+            H *= np.outer(unit, unit)
+            step = -length * np.linalg.lstsq(H, unit * g, rcond=1e-14)[0]
+            tried = _stepped(scene, at, unit * step)
             new = _cost(tried, s, pull)
             if new < cost or damping >= MOST_DAMPING:
                 break
-            damping = max(10.0 * damping, START_DAMPING)
+            damping, length = max(10.0 * damping, START_DAMPING), 1.0
         if not new < cost:
-            return scene, START_DAMPING
-        gain, scene, cost = cost - new, tried, new
+            return scene, START_DAMPING, True
+        scene, cost = tried, new
         damping = max(0.1 * damping, LEAST_DAMPING)
-        if gain < MIN_GAIN:
-            break
-    return scene, damping
+        if step @ H @ step < MIN_STEP:
+            return scene, damping, True
+    return scene, damping, False
 
 
 def _stepped(scene: Scene, at: Reduced, step: Array) -> Scene:

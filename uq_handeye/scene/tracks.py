@@ -67,6 +67,12 @@ class Tracks(ReadOnlyArrays):
         return len(self.first)
 
     @cached_property
+    def of_each_picture(self) -> list[NDArray[np.intp]]:
+        """Observations of each of the n pictures."""
+        order = np.argsort(self.picture, kind="stable")
+        return np.split(order, np.cumsum(self.per_picture)[:-1])
+
+    @cached_property
     def per_picture(self) -> NDArray[np.intp]:
         """(n,) number of points that each picture shows."""
         return np.bincount(self.picture, minlength=self.n)

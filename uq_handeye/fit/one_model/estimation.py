@@ -34,6 +34,8 @@ from ...model.error_terms.keys import (
     PICTURE_SHIFT,
     PIXELS,
     ROBOT_SHARED,
+    SCENE_EXCESS,
+    SCENE_FEATURES,
 )
 from ...model.error_terms.sizes import BY_NAME, SIZES, Size
 from ...model.error_terms.term import ErrorTerm
@@ -95,7 +97,7 @@ class JointModel:
     by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
     nothing_open: bool = False  # all rows together determine all of X and W: not looked at again
     most_used: int = MAX_POSES_FOR_SIZES  # poses that the sizes are found by
-    how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
+    how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points", "from the scene"
 
     @classmethod
     def beside(
@@ -116,6 +118,8 @@ class JointModel:
         if camera is None and poses is not None and poses.known_camera is not None:
             camera = poses.known_camera
             how = "from points" if poses.camera_calibration is None else "from corners"
+            if poses.scene is not None:
+                how, excess = "from the scene", poses.camera_covariance
             if poses.camera_calibration is not None:
                 excess, shift = poses.camera_calibration.per_pixel, poses.camera_calibration.by_shift
         prior = NoisePrior() if prior is None else prior
@@ -134,6 +138,11 @@ class JointModel:
     def sides(self) -> tuple[str, str]:
         """Names of the sides: robot and camera, or A and B."""
         return self.constraint.sides
+
+    @property
+    def of_scene(self) -> bool:
+        """True if the camera poses come from pictures of a scene."""
+        return self.poses is not None and self.poses.scene is not None
 
     @cached_property
     def components(self) -> tuple[ErrorTerm, ...]:
@@ -201,12 +210,11 @@ class JointModel:
                 rest = tuple(compress(of_all, ~S.scales))
                 found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.fixed(), keys=rest))
         elif isinstance(S, JointCovariance):
-            keys = _keys(S, INTRINSICS)
-            found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.shared, keys=keys))
+            key = SCENE_FEATURES if self.of_scene else INTRINSICS
+            found.append(ErrorTerm(key, "camera", Size(1.0), columns=S.shared, keys=_keys(S, key)))
         if self.excess is not None:
-            found.append(
-                ErrorTerm(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
-            )
+            key = SCENE_EXCESS if self.of_scene else CAMERA_EXCESS
+            found.append(ErrorTerm(key, "camera", SIZES[key], self.excess.shared, _root(self.excess.own)))
         if self.shift is not None:
             found.append(ErrorTerm(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
         return found

@@ -45,6 +45,7 @@ class Kind(StrEnum):
     BY_VIEW = "by view"
     PIXELS = "pixel noise"
     BEYOND_CORNERS = "beyond its corners"  # errors that the corners of one picture share
+    BEYOND_FEATURES = "beyond its features"  # errors of pictures of a scene, per 1 of their own noise
     PICTURE_SHIFT = "shift of each picture"
     JOINT_NOISE = "joint noise"
     GIVEN = "given"
@@ -55,6 +56,7 @@ class Kind(StrEnum):
     OUTLINE = "target outline"
     VIEW = "view"
     INTRINSICS = "intrinsics"  # their covariance, as given
+    FEATURES = "features of the scene"  # what camera poses by features share, their lens among it
     SCALE = "scale"
     CLOCK_OFFSET = "clock offset"
     ACCURACY = "accuracy"

@@ -17,6 +17,7 @@ from collections.abc import Iterable
 # Kinds that need their owner to be understood; others name it themselves.
 _OF_OWNER = frozenset(
     {"rotation", "translation", "coupling", "(each pose)", "(shared)", "by view", "depth", "beyond its corners",
+     "beyond its features",
      "scale", "accuracy", "(rotation and translation)"}
 )  # fmt: skip
 _TOGETHER = frozenset({"robot and camera", "A and B"})

@@ -43,6 +43,9 @@ BY_VIEW = ErrorKey(Owner.CAMERA, Kind.BY_VIEW)
 PIXELS = ErrorKey(Owner.CAMERA, Kind.PIXELS)
 # Errors that the corners of a picture share: what residuals indicate if the robot is known.
 CAMERA_EXCESS = ErrorKey(Owner.CAMERA, Kind.BEYOND_CORNERS)
+# Camera poses from pictures of a scene: errors that they share, and those beyond what their features say.
+SCENE_FEATURES = ErrorKey(Owner.CAMERA, Kind.FEATURES)
+SCENE_EXCESS = ErrorKey(Owner.CAMERA, Kind.BEYOND_FEATURES)
 PICTURE_SHIFT = ErrorKey(Owner.CAMERA, Kind.PICTURE_SHIFT)
 # All noise of a side, as it was given.
 GIVEN = {owner: ErrorKey(owner, Kind.GIVEN) for owner in (Owner.ROBOT, Owner.CAMERA)}

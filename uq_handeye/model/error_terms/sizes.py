@@ -35,6 +35,7 @@ from .keys import (
     ROBOT_ACCURACY,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
+    SCENE_EXCESS,
     TARGET_SCALE,
     VIEW,
     WALKS,
@@ -88,6 +89,7 @@ SIZES: dict[ErrorKey, Size] = {
     WALKS[Kind.WALK_IN_SCALE]: Size(3e-4, 10.0, "", "monocular odometry, 0.03 % a step"),
     PIXELS: Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
     CAMERA_EXCESS: Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
+    SCENE_EXCESS: Size(1.0, 2.0, "", "lens, blur, features that move: 0.3 to 5 on rendered and real sets"),
     PICTURE_SHIFT: Size(0.02, 3.0, "px", "all corners of a picture: vibration, exposure while moving"),
 }
 # The same by what the errors are called, which is how a user names one.

@@ -18,6 +18,7 @@ from ...errors import InputError
 from ..noise.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
 from .pose_pairs import NAMES, Names, PosePairs
+from .scene_facts import SceneFacts
 from .timing import Timing
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def data_to_dict(data: PosePairs | Motions) -> JsonObject:
         **({} if seen is None else {"camera_calibration": _camera_to_dict(seen)}),
         **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
         **({} if poses.camera_read_as is None else {"camera_read_as": poses.camera_read_as.words}),
+        **({} if poses.scene is None else {"scene": poses.scene.to_dict()}),
         **({} if poses.names == NAMES else {"names": poses.names._asdict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
@@ -86,6 +88,7 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
             None if data.get("camera_read_as") is None else CovarianceReading.parse(str(data["camera_read_as"]))
         ),
         names=Names(**{name: str(value) for name, value in data.get("names", {}).items()}),
+        scene=None if data.get("scene") is None else SceneFacts.from_dict(data["scene"]),
     )
     if data.get("pairs") is None:
         return poses

@@ -31,6 +31,7 @@ from ...core.runtime.read_only import read_only
 from ...errors import InputError, require_one_of
 from ...findings import Finding
 from ..noise.joint_covariance import Index, JointCovariance
+from .scene_facts import SceneFacts
 from .timing import Timing
 
 if TYPE_CHECKING:
@@ -106,6 +107,8 @@ class PosePairs:
     camera_read_as : CovarianceReading or None
         Where ``camera_covariance`` was read with the poses from a file of another program: in which convention. It does
         not contain errors of the intrinsics then.
+    scene : SceneFacts or None
+        Where the camera poses come from pictures of a scene (`scene_poses`): their scale is one more unknown.
     joints : (n, L) array or None
         Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
     findings : tuple of Finding
@@ -133,6 +136,7 @@ class PosePairs:
     findings: tuple[Finding, ...] = ()
     names: Names = NAMES
     camera_read_as: CovarianceReading | None = None
+    scene: SceneFacts | None = None
 
     def __post_init__(self) -> None:
         require_one_of("setup", self.setup, SETUPS)
@@ -212,6 +216,16 @@ class PosePairs:
             joints=joints,
             camera_covariance=S,
         )
+
+    def scaled(self, factor: float) -> PosePairs:
+        """Return the poses with the lengths of the camera, and their errors, times a factor."""
+        camera = self.camera.copy()
+        camera[..., :3, 3] *= factor
+        S = self.camera_covariance
+        if S is not None:
+            D = np.repeat([1.0, factor], 3)
+            S = JointCovariance(D[:, None] * S.own * D, D[:, None] * S.shared, S.keys)
+        return replace(self, camera=camera, camera_covariance=S)
 
     @property
     def known_camera(self) -> JointCovariance | None:

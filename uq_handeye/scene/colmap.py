@@ -1,0 +1,311 @@
+"""Pictures to tracks and a start of the scene, by pycolmap; the only module that imports it.
+
+One thread and fixed seeds: results repeat. COLMAP counts pixels from the corner of the first one, `Tracks` from its
+centre, which is half a pixel less.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.files.open import shown
+from ..core.geometry.se3 import Array
+from ..errors import InputError
+from .adjust import Scene
+from .lens import Lens
+from .tracks import Tracks
+
+# SIFT: features of a picture at most, and the threshold of their contrast where pictures have few.
+MAX_FEATURES, FEW_FEATURES, WEAK_PEAK = 4096, 500, 0.0015
+# Pictures up to this number are matched each with each; more only with their neighbours, so many to both sides.
+MAX_EXHAUSTIVE, NEIGHBOURS = 80, 15
+# Matches that move by less, in pixels, belong to what stands still in the picture.
+STATIONARY_PX = 4.0
+# Models of fewer pictures are left.
+MIN_MODEL_SIZE = 3
+SEED = 0
+# The centre of the first pixel in COLMAP.
+PIXEL_CENTRE = 0.5
+Say = Callable[[str], None]
+
+
+def pycolmap() -> ModuleType:
+    """Import pycolmap, quiet; raises `InputError` with the line to install it."""
+    try:
+        import pycolmap as module
+    except ImportError:
+        raise InputError(
+            '--scene needs pycolmap: pip install "uq-handeye[scene]". It has no wheel for Linux on ARM and macOS on '
+            "Intel: use a board there."
+        ) from None
+    module.logging.minloglevel = int(module.logging.FATAL)
+    module.set_random_seed(SEED)
+    return module
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A scene of some of the pictures, in a frame and unit of its own."""
+
+    rows: NDArray[np.intp]  # numbers of its pictures, ascending
+    scene: Scene
+    colours: NDArray[np.uint8]  # (m, 3) of the points
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Features and verified matches of pictures, in a database of COLMAP."""
+
+    folder: Path  # of the database
+    root: Path  # of the pictures
+    names: tuple[str, ...]  # of the pictures below the root, in their order
+    image_size: tuple[int, int]
+    features: NDArray[np.intp]  # (n,)
+    ids: NDArray[np.intp]  # (n,) of the pictures in the database
+
+    @property
+    def database(self) -> Path:
+        """Path of the database."""
+        return self.folder / "scene.db"
+
+    @cached_property
+    def verified(self) -> dict[tuple[int, int], int]:
+        """Number of verified matches of pairs of pictures."""
+        module = pycolmap()
+        with _opened(module, self.database) as database:
+            pairs, counts = database.read_two_view_geometry_num_inliers()
+        return {self._pair(module, pair): int(count) for pair, count in zip(pairs, counts, strict=True)}
+
+    def _pair(self, module: ModuleType, pair: int) -> tuple[int, int]:
+        number = {int(id): k for k, id in enumerate(self.ids)}
+        first, second = (number[int(id)] for id in module.pair_id_to_image_pair(pair))
+        return first, second
+
+    def stationary_share(self) -> float:
+        """Share of what matches that stands still in the picture: the gripper, or what is drawn into pictures."""
+        module = pycolmap()
+        still = 0
+        with _opened(module, self.database) as database:
+            at = {int(id): database.read_keypoints(int(id))[:, :2] for id in self.ids}
+            for pair, matches in zip(*database.read_all_matches(), strict=True):
+                if len(matches):
+                    i, j = (int(id) for id in module.pair_id_to_image_pair(pair))
+                    move = np.linalg.norm(at[i][matches[:, 0]] - at[j][matches[:, 1]], axis=-1)
+                    still += int((move < STATIONARY_PX).sum())
+        return still / max(still + sum(self.verified.values()), 1)
+
+
+@contextmanager
+def _opened(module: ModuleType, path: Path) -> Iterator[Any]:
+    database = module.Database.open(path)
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def match(paths: Sequence[Path], folder: Path, lens: Lens | None, mask: Path | None, say: Say) -> Matched:
+    """Find the features of pictures and match them, in a database in ``folder``.
+
+    ``lens``: known intrinsics; ``mask``: a picture that is black where pictures show what is not the scene.
+
+    Raises
+    ------
+    InputError
+        A file that is no picture, or pictures of different sizes.
+    """
+    module = pycolmap()
+    root = Path(os.path.commonpath([path.resolve().parent for path in paths]))
+    names = [path.resolve().relative_to(root).as_posix() for path in paths]
+    found = _features(module, paths, root, names, folder, lens, mask, say, weak=False)
+    if np.median(found.features) < FEW_FEATURES:
+        found = _features(module, paths, root, names, folder, lens, mask, say, weak=True)
+    matching, pairing = module.FeatureMatchingOptions(), {}
+    matching.num_threads, matching.use_gpu = 1, False
+    verification = module.TwoViewGeometryOptions()
+    verification.filter_stationary_matches, verification.stationary_matches_max_error = True, STATIONARY_PX
+    verification.ransac.random_seed = SEED
+    say(f"matching {len(names)} pictures")
+    how = module.match_exhaustive
+    if len(names) > MAX_EXHAUSTIVE:
+        how, options = module.match_sequential, module.SequentialPairingOptions()
+        options.overlap, options.quadratic_overlap = NEIGHBOURS, False
+        pairing = {"pairing_options": options}
+    how(
+        found.database,
+        matching_options=matching,
+        verification_options=verification,
+        device=module.Device.cpu,
+        **pairing,
+    )
+    return found
+
+
+def _features(
+    module: ModuleType,
+    paths: Sequence[Path],
+    root: Path,
+    names: list[str],
+    folder: Path,
+    lens: Lens | None,
+    mask: Path | None,
+    say: Say,
+    weak: bool,
+) -> Matched:
+    say(f"features of {len(names)} pictures" + (" of weak texture" if weak else ""))
+    path = folder / "scene.db"
+    for old in folder.glob("scene.db*"):
+        old.unlink()
+    options = module.FeatureExtractionOptions()
+    options.num_threads, options.use_gpu = 1, False
+    options.sift.max_num_features = MAX_FEATURES
+    options.sift.first_octave = -1 if weak else 0
+    if weak:
+        options.sift.peak_threshold = WEAK_PEAK
+    reading = module.ImageReaderOptions()
+    if mask is not None:
+        reading.camera_mask_path = mask
+    if lens is None:
+        reading.camera_model = "SIMPLE_RADIAL"
+    else:
+        reading.camera_model, reading.camera_params = "OPENCV", ",".join(map(repr, _of_lens(lens).tolist()))
+    module.extract_features(
+        path,
+        root,
+        image_names=names,
+        camera_mode=module.CameraMode.SINGLE,
+        reader_options=reading,
+        extraction_options=options,
+        device=module.Device.cpu,
+    )
+    with _opened(module, path) as database:
+        images = {image.name: int(image.image_id) for image in database.read_all_images()}
+        if missing := [shown(one) for name, one in zip(names, paths, strict=True) if name not in images]:
+            raise InputError(
+                f"Cannot use {', '.join(missing[:3])} as a picture of the scene: it cannot be read, or its size is "
+                "not that of the first picture. Remove it, with its robot pose."
+            )
+        ids = np.array([images[name] for name in names], dtype=np.intp)
+        _keep_largest(database, ids.tolist())
+        counts = np.array([database.num_keypoints_for_image(int(id)) for id in ids], dtype=np.intp)
+        camera = database.read_all_cameras()[0]
+    return Matched(folder, root, tuple(names), (int(camera.width), int(camera.height)), counts, ids)
+
+
+def _keep_largest(database: Any, ids: Sequence[int]) -> None:
+    """Keep the largest features of each picture: COLMAP fills up an octave beyond the number asked for."""
+    if all(database.num_keypoints_for_image(id) <= MAX_FEATURES for id in ids):
+        return
+    descriptors = [database.read_descriptors(id) for id in ids]
+    database.clear_descriptors()  # they cannot be replaced one by one
+    for id, one in zip(ids, descriptors, strict=True):
+        features = database.read_keypoints(id)
+        if len(features) > MAX_FEATURES:
+            size = np.abs(features[:, 2] * features[:, 5] - features[:, 3] * features[:, 4])  # of the affine shape
+            kept = np.sort(np.argsort(-size, kind="stable")[:MAX_FEATURES])
+            one.data = one.data[kept]
+            database.update_keypoints(id, features[kept])
+        database.write_descriptors(id, one)
+
+
+def models(seen: Matched, lens: Lens | None, say: Say) -> list[Model]:
+    """Build scenes from matches, the one of most pictures first; pictures without a common match make several."""
+    module = pycolmap()
+    options = module.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = 1, SEED
+    options.mapper.num_threads, options.mapper.random_seed = 1, SEED
+    options.triangulation.random_seed = SEED
+    options.min_model_size = MIN_MODEL_SIZE
+    if lens is not None:
+        options.ba_refine_focal_length = bool(lens.free[:2].any())
+        options.ba_refine_extra_params = bool(lens.free[4:].any())
+    done = 0
+
+    def next_picture() -> None:
+        nonlocal done
+        done += 1
+        say(f"placing picture {done + 2}")
+
+    say("placing pictures")
+    found = module.incremental_mapping(seen.database, seen.root, seen.folder, options, next_image_callback=next_picture)
+    start = Lens.of(seen.image_size) if lens is None else lens
+    made = [_model(seen, one, start) for one in found.values() if one.num_reg_images() >= MIN_MODEL_SIZE]
+    return sorted((one for one in made if one.scene.tracks.m), key=lambda one: -len(one.rows))
+
+
+def triangulate(seen: Matched, rows: NDArray[np.intp], poses: Array, lens: Lens, max_error: float) -> Model:
+    """Triangulate the points of pictures whose camera poses are known, (r, 4, 4) of the pictures ``rows``.
+
+    ``max_error``: largest residual of an observation, px.
+    """
+    module = pycolmap()
+    options = module.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed, options.triangulation.random_seed = 1, SEED, SEED
+    options.triangulation.ignore_two_view_tracks = False
+    options.triangulation.merge_max_reproj_error = options.triangulation.complete_max_reproj_error = max_error
+    options.mapper.filter_max_reproj_error = max_error
+    known = module.Reconstruction()
+    width, height = seen.image_size
+    camera = module.Camera(model="OPENCV", width=width, height=height, params=_of_lens(lens), camera_id=1)
+    known.add_camera_with_trivial_rig(camera)
+    with _opened(module, seen.database) as database:
+        database.update_camera(camera)  # of the same model
+    for row, pose in zip(rows, poses, strict=True):
+        image = module.Image(name=seen.names[row], camera_id=1, image_id=int(seen.ids[row]))
+        known.add_image_with_trivial_frame(image, module.Rigid3d(pose[:3]))
+    known = module.triangulate_points(known, seen.database, seen.root, seen.folder, True, options)
+    return _model(seen, known, lens)
+
+
+def _model(seen: Matched, known: Any, lens: Lens) -> Model:
+    """Read a reconstruction: pictures in their order, observations of points that two of them see."""
+    number = {int(id): k for k, id in enumerate(seen.ids)}
+    rows = np.array(sorted(number[int(id)] for id in known.reg_image_ids()), dtype=np.intp)
+    picture, point, pixels, poses = [], [], [], []
+    for place, row in enumerate(rows):
+        image = known.image(int(seen.ids[row]))
+        T = np.eye(4)
+        T[:3] = image.cam_from_world().matrix()
+        poses.append(T)
+        for one in image.get_observation_points2D():
+            picture.append(place)
+            point.append(int(one.point3D_id))
+            pixels.append(one.xy)
+    numbers = np.unique(np.array(point, dtype=np.int64))
+    at = np.array(pixels, dtype=float).reshape(-1, 2) - PIXEL_CENTRE
+    names = tuple(seen.names[row] for row in rows)
+    tracks = Tracks.of(np.array(picture, dtype=np.intp), np.array(point, dtype=np.int64), at, names, seen.image_size)
+    points = np.array([known.point3D(int(id)).xyz for id in numbers]).reshape(-1, 3)
+    colours = np.array([known.point3D(int(id)).color for id in numbers], dtype=np.uint8).reshape(-1, 3)
+    camera = next(iter(known.cameras.values()))
+    values = np.array(lens.values)
+    of = camera.params
+    if camera.model_name == "OPENCV":
+        values[:8] = of
+        values[2:4] -= PIXEL_CENTRE
+    else:  # f, cx, cy, k
+        values[:5] = of[0], of[0], of[1] - PIXEL_CENTRE, of[2] - PIXEL_CENTRE, of[3]
+    values = np.where(lens.free, values, lens.values)
+    # a track may meet a picture twice: such a point is left out
+    twice = np.zeros(tracks.m, dtype=bool)
+    same = (np.diff(tracks.point) == 0) & (np.diff(tracks.picture) == 0)
+    twice[tracks.point[1:][same]] = True
+    scene = Scene(tracks, np.array(poses).reshape(-1, 4, 4), points, lens.at(values))
+    return Model(rows, scene.where(~twice[tracks.point]), colours[~twice])
+
+
+def _of_lens(lens: Lens) -> Array:
+    """Return fx, fy, cx, cy, k1, k2, p1, p2 with the centre as COLMAP counts it."""
+    values = np.array(lens.values[:8])
+    values[2:4] += PIXEL_CENTRE
+    return values

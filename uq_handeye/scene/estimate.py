@@ -1,0 +1,150 @@
+"""Steps of `scene_poses`: start of the scene, its pictures by the robot, its poses, and what is checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.geometry.se3 import Array, inverse, inverse_jacobian, skew
+from ..errors import InputError
+from ..findings import Finding
+from ..model.noise.joint_covariance import JointCovariance
+from .adjust import Pull, Scene, adjust, joint_covariance, reduce
+from .colmap import Matched, Model
+from .lens import MODEL, Lens
+from .poses import as_poses, similarity
+
+# Fewest points of a picture, and fewest pictures of a scene.
+MIN_POINTS, MIN_PICTURES = 8, 6
+# Share of stationary matches that is said, and that is an error where there is no scene.
+MANY_STATIONARY = 0.5
+# Standard deviation of the focal length, relative, above which X is not stated.
+MAX_FOCAL_SD = 0.01
+# Lenses beyond these are none: |fx / fy - 1|, and |p1| or |p2|.
+MAX_ASPECT, MAX_TANGENTIAL = 0.005, 0.006
+# Smallest standard deviations of a robot pose, rad and m: an exact robot is as exact as that.
+ROBOT_FLOOR = 1e-6
+# Weight of a robot pose that was rejected.
+REJECTED_WEIGHT = 1e-8
+# Observations beyond this many times the pixel noise are left out of the adjustment.
+FAR_RESIDUAL = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A scene of some of the pictures, adjusted, with its pixel noise."""
+
+    rows: NDArray[np.intp]
+    scene: Scene
+    noise: float
+    colours: NDArray[np.uint8]
+
+    @property
+    def n(self) -> int:
+        """Number of pictures."""
+        return len(self.rows)
+
+
+def adjusted(model: Model, pull: Pull | None = None) -> Placed:
+    """Adjust a model, without its pictures of few points and observations far off."""
+    scene, rows, colours = model.scene, model.rows, model.colours
+    for _ in range(3):  # each may leave pictures with too few points
+        few = scene.tracks.per_picture < MIN_POINTS
+        if not few.any():
+            break
+        kept = np.flatnonzero(~few)
+        if len(kept) < 3:
+            break
+        tracks, points = scene.tracks.of_pictures(kept)
+        scene = Scene(tracks, scene.poses[kept], scene.points[points], scene.lens)
+        rows, colours = rows[kept], colours[points]
+        if pull is not None:
+            pull = pull.of_pictures(kept)
+    if not scene.tracks.m or scene.tracks.n < 3:
+        raise InputError("The pictures do not make one scene: too few points are seen in several of them.")
+    scene, noise = adjust(scene, pull)
+    far = np.linalg.norm(scene.residuals(), axis=-1) > FAR_RESIDUAL * noise
+    if far.any():
+        t = scene.tracks
+        kept = ~far
+        kept &= (np.bincount(t.point[kept], minlength=t.m) > 1)[t.point]
+        tracks, points = t.where(kept)
+        if (tracks.per_picture >= MIN_POINTS).all():
+            scene, colours = replace(scene, tracks=tracks, points=scene.points[points]), colours[points]
+            scene, noise = adjust(scene, pull)
+    return Placed(rows, scene, noise, colours)
+
+
+def pull_of_robot(robot: Array, X: Array, covariance: Array, weights: Array, eye_to_hand: bool) -> Pull:
+    """What robot poses and X say of the camera poses of a scene in the frame of the base, X integrated over.
+
+    ``robot`` (n, 4, 4) base_T_gripper, their ``covariance`` (n, 6, 6), which the robust ``weights`` (n,) divide. With
+    ``T = G X`` (G inverted for eye-to-hand) and ``C = T^-1``:
+
+        zeta_i = E_i (D_i xi_i + M_i xi_X),   E = [[-R^T, 0], [-R^T [t]x, -R^T]],   D = [[1, 0], [-[R_G t_X]x, 1]]
+    """
+    n = len(robot)
+    G = inverse(robot) if eye_to_hand else robot
+    T = G @ X
+    R_G, E = G[:, :3, :3], inverse_jacobian(T)
+    D, by_X = np.tile(np.eye(6), (n, 1, 1)), np.zeros((n, 6, 6))
+    D[:, 3:, :3] = -skew((R_G @ X[:3, 3:])[..., 0])
+    by_X[:, :3, :3] = by_X[:, 3:, 3:] = R_G
+    to_pose = E @ D @ (inverse_jacobian(robot) if eye_to_hand else np.eye(6))
+    S = (covariance + ROBOT_FLOOR**2 * np.eye(6)) / np.maximum(weights, REJECTED_WEIGHT)[:, None, None]
+    each = np.linalg.inv(to_pose @ S @ to_pose.mT)
+    M = E @ by_X
+    gain = (each @ M).reshape(6 * n, 6)
+    M, information = M.reshape(6 * n, 6), np.zeros((6 * n, 6 * n))
+    information.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :] = each
+    information -= gain @ np.linalg.pinv(M.T @ gain, 1e-13, hermitian=True) @ gain.T
+    return Pull(inverse(T), 0.5 * (information + information.T))
+
+
+def lens_sd(placed: Placed, pull: Pull | None = None) -> Array:
+    """Standard deviations (f,) of the free intrinsics, by the pictures and what else is known of the poses."""
+    at = reduce(placed.scene, placed.noise)
+    gauge = similarity(placed.scene.poses)
+    return np.sqrt(np.maximum(np.diag(joint_covariance(at, pull, gauge))[6 * at.n :], 0.0))
+
+
+def centred(placed: Placed) -> Placed:
+    """Return the scene with its origin at the median of its points."""
+    T = np.eye(4)
+    T[:3, 3] = -np.median(placed.scene.points, axis=0)
+    return replace(placed, scene=placed.scene.moved(T))
+
+
+def measured_poses(placed: Placed) -> tuple[Array, JointCovariance]:
+    """Camera poses of the pictures with their joint covariance, for `calibrate`."""
+    return as_poses(reduce(placed.scene, placed.noise), placed.scene.poses)
+
+
+def no_scene(seen: Matched) -> InputError:
+    """Return the error of pictures that make no scene."""
+    share = seen.stationary_share()
+    if share > MANY_STATIONARY:
+        return InputError(str(Finding("scene.stationary", "failure", {"share": share})))
+    most = max(seen.verified.values(), default=0)
+    return InputError(
+        f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures. Put "
+        "textured objects (a newspaper, boxes) into view, light it, avoid blur; or use a board."
+    )
+
+
+def lens_findings(lens: Lens, sd: Array) -> list[Finding]:
+    """Findings of a lens with the standard deviations (f,) of its free intrinsics."""
+    found = []
+    spread = np.zeros(len(MODEL.names))
+    spread[lens.free] = sd
+    fx, fy, p1, p2 = lens.values[[0, 1, 6, 7]]
+    if spread[0] > MAX_FOCAL_SD * fx:
+        found.append(Finding("scene.focal_open", "failure", {"focal": fx, "sd": spread[0]}))
+    ratio = fx / fy
+    odd = abs(ratio - 1.0) > MAX_ASPECT and lens.square
+    odd |= max(abs(p1), abs(p2)) > MAX_TANGENTIAL and bool(lens.free[6:8].any())
+    if odd:
+        found.append(Finding("scene.lens", "failure", {"ratio": ratio, "p1": p1, "p2": p2}))
+    return found
