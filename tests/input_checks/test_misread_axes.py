@@ -1,4 +1,4 @@
-"""Axes of the translations of one file that are negated, exchanged or scaled are named; good rigs have none."""
+"""Axes of one file that are negated, exchanged, scaled or sheared are named; good rigs have none."""
 
 from dataclasses import replace
 
@@ -54,6 +54,29 @@ def test_a_scale_is_named_without_noise_and_with_much(side):
         found = misread_axes(poses)
         assert found is not None and (found["file"], found["scaled"]) == (side, "z")
         assert found["factor"] == pytest.approx(0.8, rel=1e-9 if noise is None else 0.05)
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize(("moved", "along"), ["xz", "zx", "xy", "yz"])
+@pytest.mark.parametrize("share", [0.02, -0.05])
+def test_one_axis_of_the_robot_along_another_is_named(setup, moved, along, share):
+    M = np.eye(3)
+    M["xyz".index(moved), "xyz".index(along)] = share
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.05deg", "0.3mm"))
+    found = misread_axes(_mistaken(uq.simulate(30, setup=setup, noise=noise, seed=SEED), "robot", M))
+    assert found is not None and (found["file"], found["sheared"], found["along"]) == ("robot", moved, along)
+    assert found["share"] == pytest.approx(share, rel=0.15)
+    assert f"the robot translations have {moved} sheared by" in in_words(found).full
+
+
+@pytest.mark.slow
+def test_a_sheared_robot_is_said_and_a_good_one_is_not():
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.05deg", "0.3mm"))
+    M = np.eye(3)
+    for share, named in ((0.02, True), (0.0, False)):
+        M[0, 2] = share
+        result = quietly(_mistaken(uq.simulate(30, noise=noise, seed=SEED), "robot", M))
+        assert any(one.code == "input_checks.misread_axes" for one in result.findings) == named
 
 
 @pytest.mark.parametrize("setup", SETUPS)

@@ -1,4 +1,4 @@
-r"""Translations of one side whose axes are negated, exchanged or scaled against its rotations.
+r"""Translations of one side whose axes are negated, exchanged, scaled or sheared against its rotations.
 
 Given the rotation of X, the translations obey an equation that is linear in those of X and W and in a matrix M on the
 translations of one side, which is a factor times the identity where nothing is wrong:
@@ -7,8 +7,10 @@ translations of one side, which is a factor times the identity where nothing is 
 
 (eye-to-hand: the robot's equation is that of the inverse, ``R_X t_C + t_X = R_G t_W + M t_G`` with its own poses). M is
 estimated by least squares from the poses that agree in rotation. It is reported where it explains the translations far
-better than a factor does, and is near a matrix that negates, exchanges or scales axes. Errors of an arm that grow over
-its workspace look like a matrix, too: an axis is scaled only where its scale alone explains as much as the matrix.
+better than a factor does, and is near a matrix that negates, exchanges or scales axes, or moves one along another
+(shear: a linear axis that is not square, a base that is out of plumb in the translations only). Errors of an arm that
+grow over its workspace look like a matrix, too: an axis is scaled or sheared only where that one number explains as
+much as the matrix. A principal point that is off shears the camera's x or y along z, and is an error of its own.
 """
 
 from __future__ import annotations
@@ -38,8 +40,9 @@ AS_GOOD_RATIO, MIN_CHANCE_OF_THE_REST = 1.1, 1e-3
 ROUNDING = 1e-6
 # Rotations across the main axis have at least this share of the squares.
 MIN_ACROSS_SHARE = 0.02
-# Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file.
-MIN_SCALED, MAX_SHEAR = 0.03, 0.2
+# Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file. The accuracy of
+# an arm does not strain its translations by as much as `MIN_STRAIN`.
+MIN_SCALED, MAX_SHEAR, MIN_STRAIN = 0.03, 0.2, 0.005
 AXES = "xyz"
 # M that is a factor, row by row.
 FACTOR = np.eye(3).reshape(9, 1)
@@ -61,18 +64,53 @@ def misread_axes(poses: PosePairs) -> Reading | None:
         if trusted and _needed(before, after, dof):
             found.append((after, before, side, M, system))
     for after, before, side, M, system in sorted(found, key=lambda one: one[0]):
-        if (said := _kind(M)) is None:
+        if (said := _kind(M, MIN_SCALED if side == "camera" else MIN_STRAIN)) is None:
+            if (sheared := _sheared(side, M, system, now.counts, (before, after), dof)) is not None:
+                return {"kind": "axes", "file": side, "before": before, **sheared}
             continue
         if "scaled" in said:
             axis = AXES.index(str(said["scaled"]))
             alone, M, trusted = _solved(*system, np.column_stack([FACTOR, np.eye(9)[:, 4 * axis]]), now.counts)
             if not (trusted and _needed(before, alone, dof, 1) and _as_well(before, alone, after, dof)):
                 continue
-            if (said := _kind(M)) is None or said.get("scaled") != AXES[axis]:
+            said = _kind(M, MIN_SCALED if side == "camera" else MIN_STRAIN)
+            if said is None or said.get("scaled") != AXES[axis]:
                 continue
             after = alone
         return {"kind": "axes", "file": side, "before": before, "after": after, **said}
     return None
+
+
+def _sheared(
+    side: str,
+    M: Array,
+    system: tuple[Array, Array, Array],
+    counts: NDArray[np.bool_],
+    misfit: tuple[float, float],
+    dof: int,
+) -> dict[str, object] | None:
+    """Return the axis that is moved along another one, where that alone explains the translations; None for others.
+
+    ``misfit``: RMS with a factor and with the matrix M.
+    """
+    before, after = misfit
+    unit = M / np.cbrt(np.linalg.det(M))
+    others = np.abs(unit - np.diag(np.diag(unit)))
+    if side == "camera":
+        others[:, 2] = others[2] = 0.0
+    moved, along = np.unravel_index(int(others.argmax()), (3, 3))
+    if not MIN_STRAIN < others[moved, along] < MAX_SHEAR:
+        return None
+    alone, M, trusted = _solved(*system, np.column_stack([FACTOR, np.eye(9)[:, 3 * moved + along]]), counts)
+    if not (trusted and _needed(before, alone, dof, 1) and _as_well(before, alone, after, dof)):
+        return None
+    # M brings the file to what was there: the file has less of the axis by this much
+    share = -float(M[moved, along] / M[moved, moved])
+    return (
+        {"sheared": AXES[moved], "along": AXES[along], "share": share, "after": alone}
+        if abs(share) > MIN_STRAIN
+        else None
+    )
 
 
 def _several_axes(robot: Array) -> bool:
@@ -149,8 +187,11 @@ def _solved(
     return float(np.sqrt(np.mean(distance[among] ** 2))), M, trusted
 
 
-def _kind(M: Array) -> dict[str, object] | None:
-    """Return what is wrong with the axes: ``negated``, ``exchanged`` or ``scaled``; None: nothing that has a name."""
+def _kind(M: Array, least: float) -> dict[str, object] | None:
+    """Return what is wrong with the axes: ``negated``, ``exchanged`` or ``scaled``; None: nothing that has a name.
+
+    ``least``: the smallest scale of one axis, as a logarithm, that has one.
+    """
     size = float(np.cbrt(np.abs(np.linalg.det(M))))
     if not size > 0.0:
         return None
@@ -176,4 +217,4 @@ def _kind(M: Array) -> dict[str, object] | None:
     middle = float(np.median(scales))
     axis = int(np.argmax(np.abs(np.log(scales / middle))))
     factor = float(middle / scales[axis])
-    return {"scaled": AXES[axis], "factor": factor} if abs(np.log(factor)) > MIN_SCALED else None
+    return {"scaled": AXES[axis], "factor": factor} if abs(np.log(factor)) > least else None

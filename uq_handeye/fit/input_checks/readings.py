@@ -74,7 +74,7 @@ def in_words(reading: ReadingValues) -> Words:
 
 
 def _of_axes(v: ReadingValues) -> Words:
-    """Axes of the translations of one file that are negated, exchanged or scaled."""
+    """Axes of the translations of one file that are negated, exchanged, scaled or sheared."""
     side, said = v["file"], []
     if "exchanged" in v:
         said.append(f"{' and '.join(v['exchanged'])} exchanged")
@@ -82,6 +82,8 @@ def _of_axes(v: ReadingValues) -> Words:
         said.append(f"{' and '.join(v['negated'])} negated")
     if "scaled" in v:
         said.append(f"{v['scaled']} scaled by {digits(v['factor'], 3)}")
+    if "sheared" in v:
+        said.append(f"{v['sheared']} sheared by {digits(v['share'], 2)} of {v['along']}")
     what = ", ".join(said)
     misfit = f"{digits(1e3 * v['before'], 2)} mm RMS become {digits(1e3 * v['after'], 2)} mm"
     cause = " (pixels that are not square, a wrong focal length?)" if "scaled" in v and side == "camera" else ""

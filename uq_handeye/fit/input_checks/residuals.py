@@ -113,7 +113,7 @@ def check_fit(
     outliers = [] if judged and not misfit else outliers
     S = np.eye(3) if covariance is None else covariance[3:, 3:]
     if (axes := misread_axes(poses)) is not None:
-        severity: Severity = "caution" if "scaled" in axes else "failure"
+        severity: Severity = "caution" if "scaled" in axes or "sheared" in axes else "failure"
         return [*found, Finding("input_checks.misread_axes", severity, {"reading": axes}), *outliers]
     known = float(np.linalg.eigvalsh(S)[0]) > 1e-9 * float(np.trace(S))  # else X is one of many, and has no length
     return [*found, *outliers, *([*check_lengths(poses, X), *check_views(poses, X)] if known else [])]
