@@ -12,6 +12,7 @@ from fixtures.commands import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
 from uq_handeye.cli.delivery import EXPORTS, FIGURES
+from uq_handeye.core.files.packed import unpacked
 from uq_handeye.read import write_pose_file
 from uq_handeye.report.figures import figures
 
@@ -241,7 +242,7 @@ def test_calibrate_pairs_streams(streams):
 def test_interpolated_poses_are_less_noisy_than_the_samples(streams):
     noise = ("--robot-noise", "1mrad,0.5mm", "--camera-noise", "1mrad,1mm")
     done = run("calibrate", "robot.csv", "camera.csv", "--pair", "async", "--json", "--no-robust", *noise, cwd=streams)
-    of_pairs = json.loads(done.stdout)["noise"]
+    of_pairs = unpacked(json.loads(done.stdout))["noise"]
     robot, camera = (np.array(of_pairs[side])[..., 0, 0] for side in ("robot", "camera"))
     assert 0.4e-6 < robot.mean() < 0.9e-6 and robot.max() < 1.001e-6
     np.testing.assert_allclose(camera, 1e-6)

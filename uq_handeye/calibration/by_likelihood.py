@@ -391,8 +391,9 @@ def _assembled(
         if found is not None:
             more = [of_moves(move) for key, move in beside.items() if key != SIZES_OPEN]
             of_rest = sum(more, np.zeros_like(fit.covariance))
-            posterior = with_open_sizes(posterior, fit.covariance, of_rest, found)
+            posterior = with_open_sizes(posterior, fit.covariance, of_rest, found, noise)
     shared = estimates_of(joint, job.shared, fit)
+    at = None if found is None else found.source.poses
     if isinstance(posterior, OpenSizes):
         analysis = replace(analysis, joint=posterior, prior_sd={error.key: error.size for error in shared})
     result = replace(
@@ -412,6 +413,7 @@ def _assembled(
         analysis=analysis,
         opened=fit.opened,
         joint_posterior=posterior,
+        corrected=None if at is None else np.stack([at.robot[:, :3], at.camera[:, :3]]),
         kinematics=None if posterior is None else _fitted(job, joint, deviations),
     )
     wrong_size = _wrong_size(found, result)

@@ -19,9 +19,11 @@ from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.html import html_of
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
+from ..fit.one_model.points import OpenSizes
+from ..model.noise.models import PoseNoise
 from ..model.poses.pose_data import data_to_dict
 from .camera_of_result import intrinsics_words
-from .estimate.analysis import FittedKinematics
+from .estimate.analysis import FittedKinematics, joint_sides
 from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
@@ -29,7 +31,7 @@ from .prediction.task import TaskErrors, predict_task
 from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.figure_names import figure_names
-from .result_file import AS_NOISE, DERIVED, FORMAT, UNITS, from_dict
+from .result_file import AS_DATA, AS_NOISE, DERIVED, FORMAT, UNITS, bound_to_data, columns_of, from_dict
 from .statement.accuracy import Statement
 
 if TYPE_CHECKING:
@@ -394,17 +396,24 @@ class Calibration(Statement):
             index=pd.Index([one.name for one in numbers], name=self.frame),
         )
 
-    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split camera_scale"
+    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split camera_scale corrected"
     _in_file: ClassVar[str] = (
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
         "time_offset camera_scale shared agreement open=opened kinematics posterior residuals headline usable answered "
-        "accuracy checks data=_data_in_file excluded split findings warnings"
+        "accuracy checks data=_data_in_file excluded split findings warnings corrected"
     )
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
         found = {"format": FORMAT, "convention": conventions.CONVENTION, "units": UNITS, **super().to_dict()}
+        if (columns := columns_of(found)) is not None and isinstance(self.noise, PoseNoise):
+            for side, S in joint_sides(self.noise).items():
+                found["noise"][side] = columns.shortened(S, found["noise"][side])
+        if isinstance(source := getattr(self.posterior, "source", None), OpenSizes):
+            found["posterior"] = source.beside_noise(self.noise)  # columns of errors, once
+        if self.posterior is not None and bound_to_data(self.posterior.bound, self.counted):
+            found["posterior"]["bound"] = AS_DATA
         if self.opened is not None:
             found["open"]["words"] = list(self.open_words)
         estimate = self.noise_estimate

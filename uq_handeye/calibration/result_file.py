@@ -12,8 +12,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..core.files.about import as_about
+from ..core.files.packed import unpacked
 from ..core.files.records import attributes, damaged, parts_of, unequal, wrong_number
 from ..core.files.source import versions
+from ..core.files.tree_values import is_map
 from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.frames import SETUPS
@@ -23,11 +25,13 @@ from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.points import OpenSizes
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.error_terms.key import ErrorKey
 from ..model.noise.models import noise_from_dict
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_data import data_from_dict
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
+from ..model.shared_errors.by_poses import ColumnsByPoses
 from .estimate.analysis import StoredAnalysis
 from .estimate.parts import PARTS
 from .request import BUNDLE, COVARIANCES
@@ -35,11 +39,13 @@ from .statement.accuracy import Statement
 
 C = TypeVar("C", bound=Statement)
 
-FORMAT = "uq-handeye calibration 5"
+FORMAT = "uq-handeye calibration 6"
 UNITS = {"rotation": "rad", "translation": "m"}
 
 # Of the noise of the estimate, where it is the noise of the result.
 AS_NOISE = "as noise"
+# Of the poses that the errors of the posterior were bound to, where they are the data without the excluded ones.
+AS_DATA = "as data"
 # Parts that follow from other parts of the file.
 DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_inverse frame_W std_W efficiency"
 # Parts that are named otherwise in the file, and what some parts may be.
@@ -65,6 +71,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             "uq-handeye calibrate ROBOT CAMERA -o DIR."
         )
     with damaged("The calibration"):
+        data = unpacked(data)
         if (where := wrong_number(data, "calibration")) is not None:
             raise ValueError(where)
         _require_stated(data)
@@ -142,19 +149,30 @@ def _parts_of(data: dict[str, Any], kind: type[C]) -> dict[str, Any]:
     for name, known in _KNOWN.items():
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
-    if (posterior := data.get("posterior")) is not None:  # with open sizes by the rows that it is made of
-        posterior = OpenSizes.from_dict(posterior).posterior if "open" in posterior else Posterior.from_dict(posterior)
-    X, noise, analysis = as_pose(data["X"], "X"), data["noise"], data["analysis"]
+    X, analysis = as_pose(data["X"], "X"), data["analysis"]
+    if (data.get("posterior") or {}).get("bound") == AS_DATA:
+        kept = np.delete(np.arange(len(data["data"]["robot"])), data.get("excluded", []))
+        poses = [np.array(data["data"][side], dtype=float)[kept, :3].tolist() for side in ("robot", "camera")]
+        data = data | {"posterior": data["posterior"] | {"bound": poses}}
+    noise = None if data["noise"] is None else noise_from_dict(_whole_noise(data))
     estimate = data["noise_estimate"]
-    if once := estimate is not None and estimate.get("noise") == AS_NOISE:
+    if (once := estimate is not None and estimate.get("noise") == AS_NOISE) and noise is None:
+        raise ValueError("noise is missing, which noise_estimate refers to")
+    if (posterior := data.get("posterior")) is not None:  # with open sizes by the rows that it is made of
+        if "open" in posterior:
+            posterior = OpenSizes.from_dict(posterior, noise).posterior
+        else:
+            posterior = Posterior.from_dict(posterior)
+    if once:
         data = data | {"noise_estimate": estimate | {"noise": None}}
     given = {
-        "noise": None if noise is None else noise_from_dict(noise),
+        "noise": noise,
         "analysis": None if analysis is None else StoredAnalysis.of(analysis, X),
         "about": as_about(data.get("about", {})),
         "joint_posterior": posterior,
         "bound": _covariance(data, "bound"),
         "data": None,
+        "corrected": None if data.get("corrected") is None else np.array(data["corrected"], dtype=float),
     }
     data = data | {name: data.get(key) for name, key in _KEYS.items()}
     found: dict[str, Any] = {}
@@ -165,13 +183,56 @@ def _parts_of(data: dict[str, Any], kind: type[C]) -> dict[str, Any]:
     found |= {name: _covariance(data, name) for name in ("covariance", "covariance_W")}
     found = parts_of(kind, data, "calibration", **found, **dict.fromkeys(PARTS))
     if once:
-        if noise is None:
-            raise ValueError("noise is missing, which noise_estimate refers to")
         found["noise_estimate"] = replace(found["noise_estimate"], noise=found["noise"])
     if data.get("data") is not None:
         origin = found["provenance"]
         found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
     return found
+
+
+def columns_of(data: dict[str, Any]) -> ColumnsByPoses | None:
+    """Return the columns of shared errors that follow from the poses in a file; None where it does not hold these."""
+    bound, at, shared = (data.get("posterior") or {}).get("bound"), data.get("corrected"), data.get("shared")
+    if bound is None or at is None or not shared:
+        return None
+    first, second = (np.array(poses, dtype=float) for poses in (bound, at))
+    sd = {ErrorKey.from_dict(error["key"]): float(error["size"]) for error in shared}
+    reach = next((error["accuracy"][-1] for error in shared if error.get("accuracy") is not None), None)
+    times = data["posterior"].get("times")
+    setup = str(data["setup"])
+    return ColumnsByPoses(_pairs(first, setup, times), _pairs(second, setup, times), sd, reach)
+
+
+def _pairs(poses: Array, setup: str, times: Any) -> PosePairs:
+    """Return pairs of poses (2, n, 3, 4)."""
+    robot, camera = (np.concatenate([T, _last_row(T)], axis=1) for T in poses)
+    return PosePairs(robot, camera, setup, None if times is None else np.array(times, dtype=float))
+
+
+def bound_to_data(bound: tuple[Array, Array] | None, data: PosePairs | Motions | None) -> bool:
+    """Return whether the poses that errors were bound to are those of the data, which the file holds."""
+    return (
+        bound is not None
+        and isinstance(data, PosePairs)
+        and np.array_equal(bound[0], data.robot)
+        and np.array_equal(bound[1], data.camera)
+    )
+
+
+def _last_row(T: Array) -> Array:
+    return np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(T), 1, 4))
+
+
+def _whole_noise(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the noise in a file with the columns that follow from the poses."""
+    noise = dict(data["noise"])
+    for side, S in noise.items():
+        if is_map(S) and "by_poses" in S:
+            columns = columns_of(data)
+            if columns is None:
+                raise ValueError("the poses are missing from which the columns of its errors follow")
+            noise[side] = columns.completed(S)
+    return noise
 
 
 def _covariance(data: dict[str, Any], name: str) -> Array | None:

@@ -115,6 +115,8 @@ class Errors(Record):
     shared_at_sizes: tuple[ErrorEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
     joint_posterior: Posterior | OpenSizes | None = None  # what `posterior` is made of
+    # (2, n, 3, 4) poses of robot and camera as the fit corrects them, at which the columns of shared errors were taken
+    corrected: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

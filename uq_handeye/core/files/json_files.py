@@ -15,7 +15,10 @@ from ...errors import InputError
 from ..numbers.limits import MAX_TABLE_BYTES
 from .atomic import write_atomically
 from .open import StrPath, as_path, opened, shown
+from .packed import packed
 
+# Parts of a result file with arrays for this program; X, its covariance and the table of poses are lists of numbers.
+COMPACT_PARTS = ("noise", "noise_estimate", "posterior", "analysis", "shared", "data", "corrected", "rig")
 # Name of the checksum in a result file, and the hash function that makes it.
 CHECKSUM, HASH = "checksum", "sha256"
 
@@ -55,7 +58,11 @@ def parsed(path: StrPath) -> Any:
 
 
 def signed_text(data: dict[str, Any], path: StrPath | None = None) -> str:
-    """Return the JSON text of a result with its checksum, as `json_text`; also write it to ``path``."""
+    """Return the JSON text of a result with its checksum, as `json_text`; also write it to ``path``.
+
+    Arrays of `COMPACT_PARTS` are in the compact form of `files.packed`.
+    """
+    data = {name: packed(part) if name in COMPACT_PARTS else part for name, part in data.items()}
     return json_text(data | {CHECKSUM: _checksum(data)}, path)
 
 

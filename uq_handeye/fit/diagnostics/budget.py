@@ -355,7 +355,7 @@ def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[ErrorKey
         return found
     T = factor_of(rest) @ np.linalg.inv(factor_of(covariances[noise].sum(axis=0)))
     covariances[noise] = T @ covariances[noise] @ T.T
-    return replace(found, covariances=covariances)
+    return replace(found, covariances=0.5 * (covariances + covariances.mT))
 
 
 def budget_of_sensitivities(
@@ -410,7 +410,8 @@ def budget_of_sensitivities(
                 of_error = whole[:, [known == key for known in errors]]
                 parts.append((key, of_error @ of_error.T))
     keys, covariances = zip(*parts, strict=True)
-    result = Budget(tuple((key,) for key in keys), np.stack(covariances), np.asarray(X, dtype=float))
+    S = np.stack(covariances)
+    result = Budget(tuple((key,) for key in keys), 0.5 * (S + S.mT), np.asarray(X, dtype=float))
     return result.merged(*merged) if merged else result
 
 

@@ -68,7 +68,7 @@ def posterior_of_fit(
     left = left * np.outer(unit, unit)
     C = C + sum(map(of_moves, (beside or {}).values()), np.zeros(()))
     joint = np.block([[C, response * unit], [(response * unit).T, left]])
-    return Posterior(tuple(sd), unit * z, joint, ("X", "W")[: p // 6])
+    return Posterior(tuple(sd), unit * z, 0.5 * (joint + joint.T), ("X", "W")[: p // 6])
 
 
 def motion_in_session(fit: Fit, noise: Noise) -> Array | None:

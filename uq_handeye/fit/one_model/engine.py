@@ -189,7 +189,8 @@ class LatentModel(ReadOnlyArrays):
                 shared.append(D @ part.columns)
             if part.block is not None:
                 B = D @ part.block
-                blocks[k] = B @ B.mT
+                square = B @ B.mT
+                blocks[k] = 0.5 * (square + square.mT)
         return cls(
             linear.J if J is None else J, linear.r, tuple(components), np.concatenate(shared, axis=-1), blocks,
             known, prior,

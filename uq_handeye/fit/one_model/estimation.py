@@ -470,10 +470,11 @@ class FoundSizes:
                     continue
                 s = sizes[part.key]
                 if part.block is not None:
-                    more = s * s * part.block @ part.block.mT
+                    square = part.block @ part.block.mT
+                    more = 0.5 * s * s * (square + square.mT)
                     own = more if own is None else own + more
                 if part.columns is not None:
-                    columns.append(s * part.columns)
+                    columns.append(s * part.columns if turns is not None else self._sized(part, s))
                     keys += part.keys
             if columns:
                 n = source.constraint.n
@@ -490,6 +491,14 @@ class FoundSizes:
             return PoseNoise(sides["robot"], sides["camera"])
         A, B = (None if S is None else np.asarray(S) for S in sides.values())
         return PairNoise(A, B)
+
+    def _sized(self, part: ErrorTerm, size: float) -> Array:
+        """Return columns of one standard deviation of each number, bit by bit as a file computes them (`by_poses`)."""
+        error = next((error for error in self.source.errors if error.key == part.key), None)
+        assert part.columns is not None
+        if error is None or self.source.poses is None:
+            return size * part.columns
+        return np.asarray(error.at(self.source.poses)[..., error.sd > 0] * (size * error.sd[error.sd > 0]))
 
     @cached_property
     def of_arm(self) -> dict[Kind, float]:

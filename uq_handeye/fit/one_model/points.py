@@ -28,12 +28,14 @@ from scipy.linalg import solve_triangular
 from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.error_terms.key import ErrorKey, Kind, Owner
 from ...model.error_terms.keys import BY_VIEW, INTRINSICS, JOINT_NOISE
 from ...model.error_terms.sizes import Size
-from ...model.error_terms.term import ErrorTerm
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.error_terms.term import SIDES, ErrorTerm
+from ...model.noise.joint_covariance import JointCovariance, joint_of
+from ...model.noise.models import Noise
 from ...model.posterior.posterior import Absorbed, FreshNoise, Posterior, SizePoints
 from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.view import median_distance
@@ -57,6 +59,8 @@ class OpenSizes(ReadOnlyArrays):
     order: NDArray[np.intp]  # (q,) columns of the model in the order of the errors of `base`
     unit: Array  # (q,) of each, in place of that of the model
     beside: Array  # (p, p) of X and W by errors outside the model, independent of the rest; in `base`
+    sides: Array | None = None  # (2, n, 6, 6) by which the errors of robot and of camera were carried to the rows
+    used: NDArray[np.intp] | None = None  # (n,) numbers of the poses of the rows
 
     @cached_property
     def _index(self) -> NDArray[np.intp]:
@@ -196,11 +200,50 @@ class OpenSizes(ReadOnlyArrays):
             for of in self.model.groups
         ]  # fmt: skip
         arrays = {name: getattr(self, name).tolist() for name in _ARRAYS}
-        return self.base.to_dict() | {"open": {"components": components, "rows": rows, **prior, **arrays}}
+        carried: JsonObject = {}
+        if self.sides is not None and self.used is not None:
+            carried = {"sides": self.sides.tolist(), "used": self.used.tolist()}
+        return self.base.to_dict() | {"open": {"components": components, "rows": rows, **prior, **arrays, **carried}}
+
+    def _carried_from(self, noise: Noise) -> Array | None:
+        """Return the columns of the rows (n, 6, m) by those that the noise of the poses holds at the mean sizes.
+
+        None where the noise does not hold them.
+        """
+        if self.sides is None or self.used is None:
+            return None
+        at, of_side = 0, dict.fromkeys(SIDES, 0)
+        found = np.zeros((*self.sides.shape[1:3], len(self.model.shared[0, 0])))
+        for part, size in zip(self.model.components, self.model.sizes(self.mean_theta).tolist(), strict=True):
+            if not part.count:
+                continue
+            S, first = joint_of(noise.sides[part.side]), of_side[part.side]
+            last = first + part.count
+            if S is None or size == 0 or S.shared.shape[-1] < last or S.n <= self.used.max():
+                return None
+            D = self.sides[SIDES.index(part.side)]
+            found[..., at : at + part.count] = D @ S.shared[self.used, :, first:last] / size
+            at, of_side[part.side] = at + part.count, last
+        return found
+
+    def with_columns_of(self, noise: Noise) -> OpenSizes:
+        """Return it with the columns of its rows made of those of the noise, which a file then holds once."""
+        columns, shared = self._carried_from(noise), self.model.shared
+        if columns is None or not np.allclose(columns, shared, 0.0, CHAIN_ROUNDING * np.abs(shared).max(initial=0.0)):
+            return self
+        return replace(self, model=replace(self.model, shared=columns))
+
+    def beside_noise(self, noise: Noise | None) -> JsonObject:
+        """Plain numbers and text as `to_dict`, without the columns of rows that ``noise`` in the same file holds."""
+        found: dict[str, Any] = {**self.to_dict()}
+        columns = None if noise is None else self._carried_from(noise)
+        if columns is not None and np.array_equal(columns, self.model.shared):
+            del found["open"]["rows"][0]["shared"]
+        return found
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> OpenSizes:
-        """The inverse of `to_dict`."""
+    def from_dict(cls, data: dict[str, Any], noise: Noise | None = None) -> OpenSizes:
+        """The inverse of `to_dict`; ``noise`` of the poses, from which columns are taken that the rows lack."""
         given, base = data["open"], Posterior.from_dict(data)
         components = tuple(
             ErrorTerm(ErrorKey.from_dict(key), side, Size(median, factor, unit, source), np.zeros((0, 6, count)))
@@ -209,6 +252,7 @@ class OpenSizes(ReadOnlyArrays):
         p, m = base.p, sum(part.count for part in components)
         k, d, q = sum(not part.size.is_known for part in components), len(given["weights"]), len(base.keys)
         rows = [_rows_of(of, p, m, len(components)) for of in given["rows"]]
+        lacks = "shared" not in given["rows"][0]
         prior = None if given.get("prior") is None else array_of(given["prior"], (p + 1, p + 1), "posterior.prior")
         first = rows[0]
         model = LatentModel(
@@ -228,7 +272,16 @@ class OpenSizes(ReadOnlyArrays):
         found["order"] = found["order"].astype(np.intp)
         if not (found["weights"] >= 0).all() or not np.isclose(found["weights"].sum(), 1.0):
             raise ValueError("the weights of the posterior are no probabilities")
+        if given.get("sides") is not None:
+            n = len(given["used"])
+            found["sides"] = array_of(given["sides"], (2, n, 6, 6), "posterior.sides")
+            found["used"] = array_of(given["used"], (n,), "posterior.used").astype(np.intp)
         result = cls(base, model=model, keys=tuple(components[k].key for k in model.free), **found)
+        if lacks:
+            columns = None if noise is None else result._carried_from(noise)
+            if columns is None or columns.shape != first.shared.shape:
+                raise ValueError("the noise lacks the columns of the posterior")
+            result = replace(result, model=replace(model, shared=columns))
         with np.errstate(all="ignore"):
             try:
                 parts = result.posterior.covariance, *result._mixture
@@ -257,18 +310,21 @@ class _Gaussian:
 
 def _rows_of(data: dict[str, Any], p: int, m: int, components: int) -> Rows:
     n, d = len(data["r"]), len(data["r"][0])
-    J, r, shared = (array_of(data[name], shape, f"posterior.{name}")
-                    for name, shape in (("J", (n, d, p)), ("r", (n, d)), ("shared", (n, d, m))))  # fmt: skip
+    J, r = (array_of(data[name], shape, f"posterior.{name}") for name, shape in (("J", (n, d, p)), ("r", (n, d))))
+    shared = array_of(data["shared"], (n, d, m), "posterior.shared") if "shared" in data else np.zeros((n, d, m))
     blocks = {int(k): array_of(S, (n, d, d), "posterior.noise") for k, S in data["noise"]}
     if not blocks.keys() <= set(range(components)):
         raise ValueError("the noise of the posterior is of no component")
     return Rows(J, r, shared, blocks, None if data["known"] is None else array_of(data["known"], (n, d, d), "known"))
 
 
-def with_open_sizes(base: Posterior, of_poses: Array, beside: Array, found: FoundSizes) -> Posterior | OpenSizes:
+def with_open_sizes(
+    base: Posterior, of_poses: Array, beside: Array, found: FoundSizes, noise: Noise
+) -> Posterior | OpenSizes:
     """Return the posterior over the sizes that were found; ``of_poses`` (12, 12) is the block of X and W at their mean.
 
-    ``base`` is the posterior at the mean sizes, with ``beside`` (12, 12), by errors outside the model, in that block.
+    ``noise`` of the poses has these sizes. ``base`` is the posterior at them, with ``beside`` (12, 12), by errors
+    outside the model, in that block.
     """
     model, mixture, source = found.model, found.mixture, found.source
     sizes = np.array([model.sizes(theta) for theta in mixture.theta])  # (d, components)
@@ -292,10 +348,13 @@ def with_open_sizes(base: Posterior, of_poses: Array, beside: Array, found: Foun
         return base
     order = np.array([place[key][0] for key in base.keys], dtype=np.intp)
     unit = np.array([place[key][1] for key in base.keys])
+    constraint = source.constraint.rows(found.used)
+    linear = constraint.linearise(found.at, constraint.first, constraint.second)
+    sides = np.stack([np.broadcast_to(D, (len(found.used), 6, 6)) for D in linear.sides])
     return OpenSizes(
         base, of_poses, model, mixture.theta, mixture.weights, mixture.mean_theta, tuple(free), order, unit,
-        beside,
-    )  # fmt: skip
+        beside, sides, found.used,
+    ).with_columns_of(noise)  # fmt: skip
 
 
 def _fresh(found: FoundSizes, sizes: Array) -> tuple[FreshNoise, ...]:

@@ -32,7 +32,7 @@ of the sets of one region and in 86, 81, 76, 71 % of those all over the workspac
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,9 @@ BASE_RATIO, FLANGE_RATIO, UNSEEN_SHARE = 10.0, 5.0, 0.5
 # expected ones, since small directions hold more. The page `studies/maintenance/unknown_arms.md` has the dependence of
 # the p-values of unchanged rigs on it.
 LEFT_BESIDE = 0.35
+# Of more poses than these, as many over all of them determine the directions that are kept: the effects of an arm's
+# errors are smooth, and their memory would grow by 50 kB a pose.
+MAX_BOUND_POSES = 1000
 # Poses have their errors in common where their tips, in units of the reach, and their orientations are nearer than
 # this.
 NEAR_TIP_SHARE, NEAR_TURN_RAD = 0.2, 0.5
@@ -177,6 +180,9 @@ class BoundPopulation(ReadOnlyArrays):
         robot, arms = np.asarray(robot, dtype=float), ARMS if arms is None else tuple(arms)
         if reach is None:
             reach = max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
+        if (n := len(robot)) > MAX_BOUND_POSES:
+            some = np.linspace(0, n - 1, MAX_BOUND_POSES).round().astype(np.intp)
+            return cls.of(robot[some], reach, arms, rank, min_arms)._at_all(robot)
         G, reached = _of_each_arm(arms, reach, robot)
         share = reached.mean(axis=1)
         kept = (share >= 0.5) | (share >= np.sort(share)[-min(min_arms, len(share))])
@@ -189,6 +195,15 @@ class BoundPopulation(ReadOnlyArrays):
         frames = np.linalg.cholesky(second + np.diag(1e-12 * np.diag(second) + 1e-30))
         here = np.concatenate([K, twists(robot) @ frames], axis=-1)
         return cls(arms, reach, kept, basis, frames, here, _left(cls._unscaled(rows), K, 1.0), robot)
+
+    def _at_all(self, robot: Array) -> BoundPopulation:
+        """Return the population with its columns at all poses ``robot`` (n, 4, 4) of the data, part by part."""
+        here, left = [], []
+        for start in range(0, len(robot), MAX_BOUND_POSES):
+            whole, K = self._at(part := robot[start : start + MAX_BOUND_POSES])
+            here.append(np.concatenate([K, twists(part) @ self.frames], axis=-1))
+            left.append(_left(whole, K, 1.0))
+        return replace(self, here=np.concatenate(here), left=np.concatenate(left), robot=robot)
 
     def columns(self, robot: Array) -> Array:
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
@@ -243,6 +258,12 @@ class BoundPopulation(ReadOnlyArrays):
         K = rows.reshape(6, -1, rows.shape[-1]).swapaxes(0, 1).copy()
         K[:, 3:] *= LENGTH_PER_RAD_M
         return K
+
+
+@functools.lru_cache(maxsize=2)  # a result file asks for the poses again that were calibrated or read
+def bound_population(robot: bytes, reach: float | None) -> BoundPopulation:
+    """Return the population bound to poses (n, 4, 4), float64 in C order, of an arm of this reach (m)."""
+    return BoundPopulation.of(np.frombuffer(robot).reshape(-1, 4, 4), reach)
 
 
 def _left(whole: Array, K: Array, share: float | Array) -> Array:

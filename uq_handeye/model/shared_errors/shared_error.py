@@ -362,9 +362,9 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
     """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
 
     def bind(poses: PosePairs) -> dict[str, Any]:
-        from .population import BoundPopulation  # its table of arms takes a while
+        from .population import bound_population  # its table of arms takes a while
 
-        population = BoundPopulation.of(poses.robot, reach)
+        population = bound_population(poses.robot.tobytes(), reach)
         K = population.here
         size = move
         if turn > 0:  # both state one size, but for the ratio of the two that an arm has: the mean of the logarithms

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...core.files.json_values import Json, JsonObject
+from ...core.files.packed import unpacked
 from ...core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
 from ...core.files.tree_values import is_map
 from ...core.geometry.se3 import Array
@@ -23,7 +24,7 @@ from ..poses import RigPoses
 
 C = TypeVar("C", bound=RigPoses)
 
-FORMAT = "uq-handeye rig 3"
+FORMAT = "uq-handeye rig 4"
 # Parts of the file besides the fields, which follow from them.
 DERIVED = "cameras targets arms relative=relative_poses"
 _NAME = "rig"
@@ -55,6 +56,7 @@ def from_dict(kind: type[C], data: Any) -> C:
             "uq-handeye calibrate RIG.toml -o DIR."
         )
     with damaged("The result"):
+        data = unpacked(data)
         if (where := wrong_number(data, "rig")) is not None:
             raise ValueError(where)
         result = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))

@@ -1,0 +1,86 @@
+"""Columns of errors that follow from poses, which a file therefore need not hold.
+
+The effect of most errors on the poses is a function of these: that of a focal length, of the view, of a drift, of the
+accuracy of an unknown arm. With the poses that they were bound to and the poses at which they were taken, a reader
+computes the same columns; `JointCovariance` then has them as before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...core.files.json_values import JsonObject
+from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import FIT_ROUNDING
+from ...core.runtime.read_only import ReadOnlyArrays
+from ..error_terms.key import ErrorKey
+from ..noise.joint_covariance import JointCovariance
+from ..poses.pose_pairs import PosePairs
+from .assumed import assumed_drift, bound_again, error_by_number
+from .shared_error import SharedError
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnsByPoses(ReadOnlyArrays):
+    """The poses from which columns follow, and the standard deviations of the numbers of the errors."""
+
+    bound: PosePairs  # that the errors were bound to
+    at: PosePairs  # as the fit corrected them
+    sd: Mapping[ErrorKey, float]
+    reach: float | None = None  # (m) of the robot that its errors were bound with
+
+    @cached_property
+    def _drifts(self) -> dict[ErrorKey, SharedError]:
+        return {error.key: error for error in assumed_drift(self.bound)}
+
+    def of(self, keys: tuple[ErrorKey, ...]) -> Array | None:
+        """Return the columns (n, 6, k) of numbers of one error; None where they do not follow from the poses."""
+        key = keys[0].error
+        if not self.sd.keys() >= set(keys):
+            return None
+        error = bound_again(key, self.bound, self.reach) or self._drifts.get(key)
+        if error is None and (known := error_by_number(keys[0])) is not None:
+            error = known[0].bound(self.bound)
+        if error is None or not set(keys) <= set(error.keys):
+            return None
+        of = [error.keys.index(one) for one in keys]
+        return np.asarray(error.at(self.at)[..., of] * np.array([self.sd[one] for one in keys]))
+
+    def shortened(self, S: JointCovariance, written: JsonObject) -> JsonObject:
+        """Return ``written``, the plain values of S, without the columns that follow from the poses."""
+        kept, groups = np.ones(S.shared.shape[-1], dtype=bool), []
+        for error in dict.fromkeys(key.error for key in S.keys if key is not None):
+            of = [j for j, key in enumerate(S.keys) if key is not None and key.error == error]
+            F = S.shared[..., of]
+            again = self.of(tuple(key for key in S.keys if key is not None and key.error == error))
+            if (
+                again is not None
+                and again.shape == F.shape
+                and np.allclose(again, F, 0.0, FIT_ROUNDING * np.abs(F).max())
+            ):
+                kept[of] = False
+                groups.append(error.to_dict())
+        if not groups:
+            return written
+        return written | {"shared": S.shared[..., kept].tolist(), "by_poses": groups}
+
+    def completed(self, written: Mapping[str, Any]) -> JsonObject:
+        """Return the plain values of a joint covariance with the columns that `shortened` left out."""
+        groups = [ErrorKey.from_dict(key) for key in written["by_poses"]]
+        keys = [None if key is None else ErrorKey.from_dict(key) for key in written["keys"]]
+        rest = iter(np.moveaxis(np.asarray(written["shared"], dtype=float).reshape(self.bound.n, 6, -1), -1, 0))
+        columns: list[Any] = [None] * len(keys)
+        for error in groups:
+            of = [j for j, key in enumerate(keys) if key is not None and key.error == error]
+            again = self.of(tuple(key for key in keys if key is not None and key.error == error))
+            if again is None:
+                raise ValueError(f"the columns of the error {str(error)!r} do not follow from the poses")
+            for j, column in zip(of, np.moveaxis(again, -1, 0), strict=True):
+                columns[j] = column
+        shared = np.stack([next(rest) if column is None else column for column in columns], axis=-1)
+        return {**written, "shared": shared.tolist()}
