@@ -10,6 +10,7 @@ the function of that name. With --check nothing is written, and the exit status 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -111,8 +112,21 @@ def exit_statuses() -> str:
     return table(["status", "meaning"], ([str(int(status)), status.meaning] for status in ExitStatus))
 
 
+def simulators() -> str:
+    """Return what `studies/simulators/measure.py` found in pictures of MuJoCo."""
+    stored = json.loads((DOCS.parent / "studies" / "simulators" / "measured.json").read_text(encoding="utf-8"))
+    rows = []
+    for one in stored["table"]:
+        said = f"NOT USABLE: {one['named'].partition(';')[0]}" if not one["usable"] else "usable"
+        offset = "principalpixel" if any(one["offset"]) else "none"
+        numbers = f"{one['corner_rms']:.3f}", f"{one['mm']:.3f}", f"{one['deg']:.4f}"
+        rows.append([str(one["texels"]), offset, one["camera"], *numbers, said])
+    head = ["texels a square", "offset of the centre", "intrinsics", "corners (px)", "X (mm)", "X (deg)", "said"]
+    return table(head, rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
-    make.__name__: make for make in (sizes, classes, defaults, covered, levels, conventions, exit_statuses)
+    make.__name__: make for make in (sizes, classes, defaults, covered, levels, conventions, simulators, exit_statuses)
 }
 
 
