@@ -1,6 +1,7 @@
 """``uq.verify`` and ``uq-handeye verify``: answers, texts, exit status, bad input."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -64,8 +65,13 @@ def test_a_bias_is_an_exit_status_and_an_answer(cell):
     assert done.stdout.startswith("CONTRADICTED by a bias: 8 touches contradict the calibration")
     assert "A bias of 20 mm would show with 1 such touch." in " ".join(done.stdout.split())
     assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "All touches miss by the same vector: " in done.stdout and "calibrate again." in " ".join(
+        done.stdout.split()
+    )
+    assert re.search(r"z \+[45]\.\d mm \(touch minus point", " ".join(done.stdout.split()))
     same = run("verify", folder / "result.json", folder / "same.csv", *DEVIATIONS)
     assert same.returncode == 0 and same.stdout.startswith("AGREES: 8 touches agree")
+    assert "same vector" not in same.stdout
     short = run("verify", folder / "result.json", folder / "moved.csv", *DEVIATIONS, "--quiet")
     assert short.returncode == 4 and short.stdout.startswith("CONTRADICTED by a bias")
     assert short.stdout.count("\n") <= 2

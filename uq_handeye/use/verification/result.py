@@ -162,6 +162,23 @@ class Verification(Record, Shown):
         return float(np.sqrt(np.mean(self.points.distance**2)))
 
     @property
+    def same_vector(self) -> str:
+        """State that all touches miss by the same vector, which a new calibration mends; empty where they do not."""
+        if self.m < 2 or not self.contradicted or self.bias_p_value is None or np.isnan(self.bias).any():
+            return ""
+        scatters = self.scatter_p_value is not None and self.scatter_p_value < UNUSUAL.probability
+        if scatters or self.bias_p_value >= UNUSUAL.probability:
+            return ""
+        clear = (self.interval > 0).all(axis=1) | (self.interval < 0).all(axis=1)
+        shown = clear if clear.any() else np.ones(3, dtype=bool)
+        parts = zip("xyz", 1e3 * self.bias, shown, strict=True)
+        listed = ", ".join(f"{axis} {b:+.{1 if abs(b) >= 1 else 2}f} mm" for axis, b, is_it in parts if is_it)
+        return (
+            f"All touches miss by the same vector: {listed} (touch minus point, base frame). The camera moved, or the "
+            "tool is not as given. Measure the tool, and calibrate again."
+        )
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences of the findings that are more than a note."""
         return tuple(str(one) for one in self.findings if one.severity != "note")
@@ -175,7 +192,8 @@ def verification_document(found: Verification) -> Document:
     tool = _tool(found)
     more = [Paragraph(text, hang="  ") for text in (tool, _next(found)) if text]
     findings = [] if not found.findings else [Points.of_findings(found.findings)]
-    return [[Answer(headline(found), status)], [*lines, *more], _table(found), findings]
+    same = [Paragraph(found.same_vector, hang="  ")] if found.same_vector else []
+    return [[Answer(headline(found), status), *same], [*lines, *more], _table(found), findings]
 
 
 def headline(found: Verification) -> str:
