@@ -427,7 +427,7 @@ def _assembled(
         ]
     findings += _of_fit(job, noise, fit, result, wrong_size, (angle, distance))
     if poses is not None and isinstance(noise, PoseNoise):
-        findings += moves(poses, noise, fit)
+        findings += moves(poses, noise, fit, shared)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint, wrong_size)

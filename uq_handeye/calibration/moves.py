@@ -7,16 +7,21 @@ moved, from which pose on, and whether a step explains the residuals (`rig.check
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.se3 import Array
 from ..errors import DegenerateMotionError, NotConvergedError, SingularNoiseError
 from ..findings import Finding
 from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, steps_of
+from ..model.error_terms import keys
+from ..model.error_terms.estimate import ErrorEstimate
+from ..model.error_terms.key import ErrorKey
+from ..model.error_terms.sizes import SIZES
 from ..model.noise.joint_covariance import joint_form
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
@@ -26,13 +31,17 @@ if TYPE_CHECKING:
 
 # Findings of a camera or target that did not stand still.
 MOVED, DRIFTS = "rig.moved", "rig.drifts"
+# Where a session with timestamps drifts, another step may have this share of the chi-square of the one that is named: a
+# step of 3 mm leaves 0.03 to 0.08, a random walk 0.3 and more.
+MAX_REMAINING_BESIDE_DRIFT = 0.2
+_DRIFTS = frozenset(keys.DRIFTS.values())
 # A full covariance (6n, 6n) of more poses is not taken apart to look for a step.
 MAX_POSES_OF_FULL_COVARIANCE = 200
 # A step is looked for in this many poses, evenly spread over longer recordings.
 MAX_POSES_FOR_MOVES = 1000
 
 
-def moves(poses: PosePairs, noise: PoseNoise, of: Fit) -> list[Finding]:
+def moves(poses: PosePairs, noise: PoseNoise, of: Fit, shared: Sequence[ErrorEstimate] = ()) -> list[Finding]:
     """Return the finding about a camera or target that did not stand still; none where nothing moved, or X is open.
 
     Parameters
@@ -40,6 +49,10 @@ def moves(poses: PosePairs, noise: PoseNoise, of: Fit) -> list[Finding]:
     poses : n pairs of poses
     noise : of these poses
     of : the fit of the poses with the noise, and its robust weights
+    shared : the shared errors at the sizes of the noise
+
+    A step makes the estimated drift of a session with timestamps larger, which then explains the step. So where no step
+    is found, it is tested with the drift of a usual mount, too.
     """
     full = any(S is not None and np.ndim(S) == 2 and len(S) > 6 for S in noise.sides.values())
     if of.W is None or of.open is not None or (full and poses.n > MAX_POSES_OF_FULL_COVARIANCE):
@@ -50,27 +63,41 @@ def moves(poses: PosePairs, noise: PoseNoise, of: Fit) -> list[Finding]:
     order = np.arange(some.n) if some.timestamps is None else np.argsort(some.timestamps, kind="stable")
     weights = weights[rows][order]
     rejected = np.convolve(weights < 0.5, np.ones(MIN_RUN), "valid") if some.n >= MIN_RUN else np.zeros(1)
+    found: list[Finding] = []
     try:
         steps = steps_of(of, rows[order])
         likely = min((step.p for step in steps), default=1.0) * len(steps)
-        if likely > FALSE_FINDING and rejected.max() < MIN_RUN:
-            return []
-        from ..rig.checks.paths import judged_paths
-        from ..rig.fit import Task, fit
-        from ..rig.graph import Graph
-        from ..rig.single import rig_of_poses
-
-        rig = rig_of_poses(some)
-        graph = Graph.of(rig)
-        parts = [] if of.prior is None else of.prior.parts()
-        prior = {start // 6: (mean, information) for _, start, mean, information in parts}
-        task = Task(rig, graph, prior, "efficient", True, True, 0)
-        own = _noise_of(noise.rows(rows), some.n, order)
-        found = fit(graph, own, np.stack([of.X, of.W]), "efficient", weights, prior=prior)
-        findings = judged_paths(task, found)[1]
+        if likely <= FALSE_FINDING or rejected.max() >= MIN_RUN:
+            found = _judged(some, of, _noise_of(noise.rows(rows), some.n, order, {}), weights)
+        drifts = {one.key.error: one.size for one in shared if one.key.error in _DRIFTS and one.size > 0}
+        usual = {key: SIZES[key].median / size for key, size in drifts.items()}
+        if not found and min(usual.values(), default=1.0) < 1.0:
+            own = _noise_of(noise.rows(rows), some.n, order, usual)
+            again = _judged(some, of, own, weights, MAX_REMAINING_BESIDE_DRIFT)
+            found = [one for one in again if one.code == MOVED]
     except (NotConvergedError, DegenerateMotionError, SingularNoiseError, np.linalg.LinAlgError):
         return []  # the rest of the poses does not determine a step
-    return [_with_rows(one, rows) if one.code == MOVED else one for one in findings if one.code in (MOVED, DRIFTS)]
+    return [_with_rows(one, rows) if one.code == MOVED else one for one in found]
+
+
+def _judged(
+    poses: PosePairs, of: Fit, noise: RigNoise, weights: Array, remaining: float | None = None
+) -> list[Finding]:
+    """Return what did not stand still in poses, by their rig with this noise; ``remaining`` as in `judged_paths`."""
+    from ..rig.checks.paths import MAX_REMAINING_SHARE, judged_paths
+    from ..rig.fit import Task, fit
+    from ..rig.graph import Graph
+    from ..rig.single import rig_of_poses
+
+    rig = rig_of_poses(poses)
+    graph = Graph.of(rig)
+    parts = [] if of.prior is None else of.prior.parts()
+    prior = {start // 6: (mean, information) for _, start, mean, information in parts}
+    assert of.W is not None
+    found = fit(graph, noise, np.stack([of.X, of.W]), "efficient", weights, prior=prior)
+    task = Task(rig, graph, prior, "efficient", True, True, 0)
+    findings = judged_paths(task, found, MAX_REMAINING_SHARE if remaining is None else remaining)[1]
+    return [one for one in findings if one.code in (MOVED, DRIFTS)]
 
 
 def _with_rows(finding: Finding, rows: NDArray[np.intp]) -> Finding:
@@ -83,12 +110,15 @@ def _with_rows(finding: Finding, rows: NDArray[np.intp]) -> Finding:
     return Finding(finding.code, finding.severity, values | {"others": [of_row(one) for one in values["others"]]})
 
 
-def _noise_of(noise: PoseNoise, n: int, order: NDArray[np.intp]) -> RigNoise:
-    """Noise of the graph: each pose's own, and the columns of the errors that poses share."""
+def _noise_of(noise: PoseNoise, n: int, order: NDArray[np.intp], factors: Mapping[ErrorKey, float]) -> RigNoise:
+    """Noise of the graph: each pose's own, and the columns of the errors that poses share, smaller by ``factors``."""
     from ..rig.noise import RigNoise
 
     robot, camera = (joint_form(S, n) for S in (noise.robot, noise.camera))
-    of_robot = [robot.shared, np.zeros_like(camera.shared)]
-    of_camera = [np.zeros_like(robot.shared), camera.shared]
-    K_robot, K_camera = (np.concatenate(columns, axis=-1)[order] for columns in (of_robot, of_camera))
+    of_robot, of_camera = (
+        side.shared * [1.0 if key is None else min(1.0, factors.get(key.error, 1.0)) for key in side.keys]
+        for side in (robot, camera)
+    )
+    K_robot = np.concatenate([of_robot, np.zeros_like(of_camera)], axis=-1)[order]
+    K_camera = np.concatenate([np.zeros_like(of_robot), of_camera], axis=-1)[order]
     return RigNoise(robot.own[order], camera.own[order], K_robot, K_camera)

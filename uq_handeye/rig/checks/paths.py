@@ -260,14 +260,17 @@ def _drift_of(rig: Rig, found: RigFit, u: int) -> _Drift | None:
     return _Drift(graph.names[u], float(square), int(dof), d, S, left)
 
 
-def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
+def judged_paths(
+    task: Task, found: RigFit, remaining: float = MAX_REMAINING_SHARE
+) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
     """Return all paths of a fit, and the findings about a pose that moved.
 
     Paths have the weights of the fit; the path of a pose that moved also counts the runs of rejected views. A path that
-    does not close although no move explains it is a separate finding.
+    does not close although no move explains it is a separate finding. ``remaining``: of the chi-square of a step or a
+    drift, the largest share that another step may still have.
     """
     paths = paths_of(task.rig, found)
-    if (moved := _moved(task, found, paths)) is not None:
+    if (moved := _moved(task, found, paths, remaining)) is not None:
         same = [(one.name, one.by) == (moved[0].name, moved[0].by) for one in paths]
         return tuple(moved[0] if is_it else one for one, is_it in zip(paths, same, strict=True)), (moved[1],)
     return paths, tuple(_unexplained(found, paths))
@@ -283,7 +286,7 @@ def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
     return [Finding("rig.path_rings", "caution", values)]
 
 
-def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath, Finding] | None:
+def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...], remaining: float) -> tuple[RigPath, Finding] | None:
     """Return the path of a pose that moved or drifts, with the finding."""
     with_runs = _with_runs(task, found) if task.robust else found
     paths = own if with_runs is found else paths_of(task.rig, with_runs)
@@ -299,9 +302,9 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
     copied.sort(key=lambda one: one.objective)
     best = copied[0]
     if best.path.by is None and (drift := _larger_drift(task.rig, with_runs, ringing)) is not None:
-        return _drifting(task.rig, with_runs, *drift, len(paths))
+        return _drifting(task.rig, with_runs, *drift, len(paths), remaining)
     p = float(chdtrc(6, best.square)) * len(paths)
-    if p > FALSE_FINDING or best.remaining > MAX_REMAINING_SHARE * best.path.chi_square:
+    if p > FALSE_FINDING or best.remaining > remaining * best.path.chi_square:
         return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD_CHI_SQUARE and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
@@ -318,14 +321,16 @@ def _larger_drift(rig: Rig, found: RigFit, ringing: list[RigPath]) -> tuple[_Dri
     return None if largest[0].chi_square <= max(one.chi_square for one in steps) else largest
 
 
-def _drifting(rig: Rig, found: RigFit, drift: _Drift, path: RigPath, count: int) -> tuple[RigPath, Finding] | None:
+def _drifting(
+    rig: Rig, found: RigFit, drift: _Drift, path: RigPath, count: int, remaining: float
+) -> tuple[RigPath, Finding] | None:
     """Return the path of a pose that drifts with the finding; None where other steps are left, or it is chance.
 
     ``count``: number of paths that were tested.
     """
     scale = max(1.0, (found.chi_square - drift.chi_square) / max(found.dof - drift.dof, 1))
     p = float(chdtrc(drift.dof, drift.chi_square / scale)) * count
-    if p > FALSE_FINDING or drift.remaining > MAX_REMAINING_SHARE * drift.chi_square:
+    if p > FALSE_FINDING or drift.remaining > remaining * drift.chi_square:
         return None
     values = {
         "kind": _kind(rig, drift.name), "name": drift.name, **sizes_of_move(drift.change, scale * drift.covariance),
