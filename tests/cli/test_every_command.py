@@ -17,6 +17,7 @@ CALLS = {
     "live": (("session", "--tolerance", "soft"), 2, "tolerance"),
     "demo": ((), 0, "demo_report.html"),
     "camera": (("nothing.png", "--board", "9x6", "--square", "20mm"), 2, "nothing.png"),
+    "scene": (("nothing*.png",), 2, "nothing"),
     "points": (("nothing.csv", "--target", "nothing.csv"), 2, "nothing.csv"),
     "sync": (("timed_robot.csv", "timed_camera.csv"), 0, "offset"),
     "bag": (("nothing.bag",), 2, "nothing.bag"),

@@ -237,6 +237,7 @@ def test_the_commands():
     assert set(TAKES_POSES) | of_a_result | {
         "demo",
         "camera",
+        "scene",
         "points",
         "simulate",
         "sync",

@@ -29,7 +29,7 @@ ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 # Commands by group of the help. Each has a module of its name in `commands`, but for the short forms of others.
 COMMANDS: dict[str, tuple[str, ...]] = {
-    "Calibrate": ("calibrate", "live", "demo", "camera", "points", "sync", "bag"),
+    "Calibrate": ("calibrate", "live", "demo", "camera", "scene", "points", "sync", "bag"),
     "Use the result": ("view", "report", "export", "predict", "check", "update", "diff", "verify", "certificate"),
     "Improve and compare": ("plan", "compare"),
     "Check the covariance": ("validate", "cross-check", "posterior"),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..model.points.result import PointPoses
     from ..report.comparison.compare import Compared
     from ..rig.result import RigCalibration
+    from ..scene.result import ScenePoses
     from ..trials.validation.cross_check.result import CrossCheck
 
 
@@ -211,7 +212,11 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
 
 
 def deliver_camera_poses(
-    found: "CameraCalibration | PointPoses", text: Callable[[], str], output: Path | None, as_json: bool, example: str
+    found: "CameraCalibration | PointPoses | ScenePoses",
+    text: Callable[[], str],
+    output: Path | None,
+    as_json: bool,
+    example: str,
 ) -> int:
     """Write camera poses into the folder of -o, print them with the next command, and return the exit status.
 

@@ -9,6 +9,7 @@ from ..core.runtime.progress import working
 from ..errors import InputError
 from .boards import BoardOptions
 from .messages import LOG, progress_wanted, timed
+from .names import SETUP_NAMES
 from .options import Options
 from .values import one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
@@ -171,6 +172,54 @@ class Pictures:
         return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
 
 
+@dataclass(frozen=True)
+class Scene(Pictures):
+    """Pictures of a scene without a board."""
+
+    mask: Path | None = field(default=None, kw_only=True)
+
+    def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
+        """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
+        from ..calibration.by_scene import scene_poses
+        from ..read import read_poses, read_stream
+
+        of_robot = {name: how[name][0] for name in ("units", "format", "rotation") if how.get(name) is not None}
+        of_arm = {name: how[name] for name in ("joints", "kinematics", "joint_units") if how.get(name) is not None}
+        setup = how.get("setup") or SETUP_NAMES[0]
+        poses = read_stream(robot, "robot", frame=how["robot_frame"], **of_robot, **of_arm).poses
+        known = known_of_scene(self.lens.intrinsics, self.lens.read_roi())
+        with timed(f"the scene of {self.images}"), working("the scene", progress_wanted()) as say:
+            found = scene_poses(self.images, poses, setup=setup, intrinsics=known, mask=self.mask, say=say)
+        for finding in found.findings:
+            LOG.info("%s", finding)
+        pairs = read_poses(robot, found, **how)
+        if pairs.setup != setup:
+            raise InputError(f"The pose file says {pairs.setup}. Add --setup {pairs.setup}.")
+        return pairs
+
+
+def known_of_scene(text: str | None, roi: tuple[int, int, int, int] | None) -> "dict[str, Any] | None":
+    """Return the known intrinsics of ``FILE[,exact]`` for pictures of a scene."""
+    if text is None:
+        return None
+    from ..model.camera.intrinsics_file import read_intrinsics
+    from ..model.camera.picture_region import for_pictures
+    from ..model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.shared_errors.shared_error import DEFAULT_SD
+
+    file, exact = split_exact(text)
+    known = for_pictures(read_intrinsics(file, "brown"), None, roi, file)
+    values: dict[str, Any] = dict(known.values)
+    if exact:
+        return values
+    of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
+    f = float(values["fx"][0] if isinstance(values["fx"], tuple | list) else values["fx"])
+    for name, sort in of.items():
+        if not isinstance(values[name], tuple | list):
+            values[name] = (values[name], f * DEFAULT_SD[sort])
+    return values
+
+
 def either(seen: "Pictures | Views | None") -> tuple[Pictures | None, Views | None]:
     """Return the pictures, or the views of camera poses without corners."""
     return (seen, None) if isinstance(seen, Pictures) else (None, seen)
@@ -231,15 +280,41 @@ def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
     return KnownIntrinsics(given, model, None)
 
 
+def _scene(
+    images: str | None, board: BoardOptions, lens: LensOptions, options: ViewOptions, mask: Path | None
+) -> Scene:
+    """Return pictures of a scene; raises `InputError` for options of a board."""
+    if images is None:
+        raise InputError("--scene needs pictures. Add --images 'PATTERN'.")
+    used = ("--intrinsics", "--roi")
+    if wrong := [*board.given, *(name for name in lens.given if name not in used), *options.given]:
+        raise InputError(f"{', '.join(wrong)}: not used with --scene, which looks for no board. Remove the option.")
+    return Scene(images, board, lens, mask=mask)
+
+
 def pictures_of(
-    *, images: str | None = None, board: BoardOptions, lens: LensOptions, options: ViewOptions
+    *,
+    images: str | None = None,
+    scene: bool = False,
+    mask: Path | None = None,
+    board: BoardOptions,
+    lens: LensOptions,
+    options: ViewOptions,
 ) -> Pictures | Views | None:
     """Return the pictures of the options, or the views of finished camera poses, or None if neither is given.
 
     Options (Pictures of a board):
       * --images 'PATTERN': Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their
         names (img2 before img10).
+      * --scene: The pictures show a scene that stands still, without a board; for eye-to-hand a textured object in the
+        gripper. The robot tells the scale. Needs pycolmap (extra scene).
+      --mask FILE: With --scene: picture that is black where the pictures show the gripper. Default: what stands still
+        in the picture is found.
     """
+    if scene:
+        return _scene(images, board, lens, options, mask)
+    if mask is not None:
+        raise InputError("--mask: for --scene. Remove it, or add --scene.")
     if images is not None:
         return _pictures(images, board, lens, options)
     if options.given:

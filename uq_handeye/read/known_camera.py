@@ -1,4 +1,4 @@
-"""Camera poses that come with their covariance: a calibrated camera, or poses from points in 3-D, or their folders."""
+"""Camera poses that come with their covariance: of a calibrated camera, points in 3-D or a scene, or their folders."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from .joints import listed_rows
 if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
+    from ..scene.result import ScenePoses
 
 
 class KnownCamera(NamedTuple):
@@ -29,11 +30,12 @@ class KnownCamera(NamedTuple):
     source: tuple[Source, ...]
     pictures: CameraCalibration | None = None
     points: PointPoses | None = None
+    scene: ScenePoses | None = None
 
     @property
-    def seen(self) -> CameraCalibration | PointPoses:
-        """The calibrated camera, or the poses from points."""
-        known = self.pictures if self.points is None else self.points
+    def seen(self) -> CameraCalibration | PointPoses | ScenePoses:
+        """The calibrated camera, or the poses from points or from a scene."""
+        known = self.pictures or self.points or self.scene
         assert known is not None
         return known
 
@@ -48,6 +50,14 @@ class KnownCamera(NamedTuple):
         if self.points is not None:
             rows, notes = _rows_of_points(self.points, self.name, n, has)
             source = "pose from points"
+        elif self.scene is not None:
+            if len(self.scene.names) != n:
+                raise InputError(
+                    f"{has} and {self.name} {len(self.scene.names)} pictures: picture k, counted from 0 in the order "
+                    "of the names, belongs to row k of the robot. Leave out what the other side lacks."
+                )
+            rows, notes = self.scene.rows, []
+            source = "picture of the scene"
         else:
             assert self.pictures is not None
             rows, notes = _rows_of_pictures(self.pictures, self.name, bool(self.source), n, has), []
@@ -89,16 +99,17 @@ def _rows_of_pictures(seen: CameraCalibration, file: str, stored: bool, n: int, 
 
 
 def is_folder_of_poses(path: Path) -> bool:
-    """Return whether a folder is one of ``uq-handeye camera`` or ``uq-handeye points``."""
+    """Return whether a folder is one of ``uq-handeye camera``, ``points`` or ``scene``."""
     if not path.is_dir():
         return False
     from ..model.camera.calibration_files import is_camera_folder
     from ..model.points.result import is_points_folder
+    from ..scene.result import is_scene_folder
 
-    return is_points_folder(path) or is_camera_folder(path)
+    return is_points_folder(path) or is_camera_folder(path) or is_scene_folder(path)
 
 
-def known_camera(camera: StrPath | CameraCalibration | PointPoses | None) -> KnownCamera | None:
+def known_camera(camera: StrPath | CameraCalibration | PointPoses | ScenePoses | None) -> KnownCamera | None:
     """Return camera poses with their covariance, as given or of a folder; None: it is a file of poses or None."""
     if camera is None or (isinstance(camera, str | PathLike) and not as_path(camera).is_dir()):
         return None  # what follows is slow to import
@@ -106,12 +117,19 @@ def known_camera(camera: StrPath | CameraCalibration | PointPoses | None) -> Kno
     from ..model.camera.result import CameraCalibration
     from ..model.camera.stored_calibration import read_camera
     from ..model.points.result import POINTS, PointPoses, is_points_folder, read_point_poses
+    from ..scene.result import POSES, ScenePoses, is_scene_folder, read_scene
 
     if isinstance(camera, CameraCalibration):
         return KnownCamera("the pictures", (), camera)
     if isinstance(camera, PointPoses):
         return KnownCamera("the points", (), None, camera)
+    if isinstance(camera, ScenePoses):
+        return KnownCamera("the pictures", (), None, None, camera)
     folder = as_path(camera)
+    if is_scene_folder(folder):
+        scene = read_scene(folder)
+        note = f"{scene.n} poses from {len(scene.points)} points of a scene with their joint covariance"
+        return KnownCamera(shown(folder), (_source(folder, POSES, "scene", note),), None, None, scene)
     if is_points_folder(folder):
         found = read_point_poses(folder)
         note = f"{found.n} poses from {int(found.used.sum())} points with their joint covariance"

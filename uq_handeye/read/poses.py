@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
     from ..model.kinematics.chain import Kinematics
     from ..model.points.result import PointPoses
+    from ..scene.result import ScenePoses
 
 
 class OfArm(TypedDict, total=False):
@@ -59,7 +60,7 @@ _log = logging.getLogger("uq_handeye")
 
 def read_poses(
     robot: StrPath | None,
-    camera: StrPath | CameraCalibration | PointPoses | None = None,
+    camera: StrPath | CameraCalibration | PointPoses | ScenePoses | None = None,
     **options: Any,
 ) -> PosePairs:
     """Robot and camera poses from one or two files, paired.
@@ -69,12 +70,13 @@ def read_poses(
     robot : path or None
         ``base_T_gripper``; any of `uq_handeye.read.FORMATS`. None: the poses are those of ``joints``, by forward
         kinematics.
-    camera : path, CameraCalibration, PointPoses or None
+    camera : path, CameraCalibration, PointPoses, ScenePoses or None
         ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
         `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
         ``camera_calibration``); its rows number those of the robot's file, and robot poses without a picture are left
-        out. Poses from points, or the folder of `PointPoses.write`, bring theirs likewise (``camera_covariance``).
-        Units, format and rotation are then those of the robot's file.
+        out. Poses from points, or the folder of `PointPoses.write`, bring theirs likewise (``camera_covariance``),
+        and so do those of a scene (`scene_poses`), whose scale is unknown. Units, format and rotation are then those
+        of the robot's file.
     setup : "eye-in-hand", "eye-to-hand" or None
         None: what a file says, else eye-in-hand.
     units : str, None or (robot, camera)
@@ -397,6 +399,8 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, request: Rea
         camera_covariance=covariance,
         camera_calibration=seen.pictures,
     )
+    if seen.scene is not None:
+        pairs = seen.scene.paired(pairs)
     return robot.give_joints(pairs, None if values is None else values[rows])
 
 
