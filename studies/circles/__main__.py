@@ -1,0 +1,3 @@
+from studies import circles
+
+circles.STUDY.run(circles.__doc__)
