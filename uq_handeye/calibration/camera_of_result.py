@@ -29,7 +29,7 @@ from ..findings import Finding, Severity
 from ..fit.likelihood.gauss_helmert import Fit
 from ..model.camera.adjustment.bundle import Sight, poses_only
 from ..model.camera.calibrated import Calibrated
-from ..model.camera.given_intrinsics import CAUTION_SD, finding_of, given_test
+from ..model.camera.given_intrinsics import CAUTION_SD, GivenTest, finding_of, given_test
 from ..model.camera.result import CameraCalibration
 from ..model.error_terms.keys import INTRINSICS
 from ..model.noise.joint_covariance import joint_of
@@ -132,19 +132,23 @@ def moved_intrinsics(seen: Calibrated | None, noise: Noise, posterior: Posterior
 
 def given_by_robot(seen: Calibrated | None, fit: Fit) -> list[Finding]:
     """Return a finding if pictures and robot poses together contradict the intrinsics that were given."""
-    if seen is None or seen.given is None or fit.W is None or fit.residual.ndim != 2:
+    if seen is None or seen.given is None or (test := given_test_with_robot(seen, fit)) is None:
         return []
-    test = given_test(seen.bundle, seen.corners, seen.given.values)
-    if test is None or len(fit.residual) != seen.corners.n:
-        return []
-    columns = _columns_of_given(seen, test.names)
-    told = fit.told(fit.linear.sides[1] @ columns)
-    information = np.eye(len(test.names)) - told.left
-    test = test.with_more(information, -told.z)
     finding = finding_of(
         test, seen.image_size, seen.bundle.model.name, seen.given.exact, "pictures together with the robot poses"
     )
     return [finding] if finding.severity != "note" else []
+
+
+def given_test_with_robot(seen: Calibrated, fit: Fit) -> GivenTest | None:
+    """Test given intrinsics by pictures and robot poses; None: they say nothing, or the fit is of other poses."""
+    if seen.given is None or fit.W is None or fit.residual.ndim != 2:
+        return None
+    test = given_test(seen.bundle, seen.corners, seen.given.values)
+    if test is None or len(fit.residual) != seen.corners.n:
+        return None
+    told = fit.told(fit.linear.sides[1] @ _columns_of_given(seen, test.names))
+    return test.with_more(np.eye(len(test.names)) - told.left, -told.z)
 
 
 def _columns_of_given(seen: Calibrated, names: tuple[str, ...]) -> Array:

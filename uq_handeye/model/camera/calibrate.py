@@ -29,7 +29,7 @@ from .adjustment.outliers import spoilt, without_outliers
 from .adjustment.picture_weights import picture_weights
 from .adjustment.setting import Known, Setting
 from .board_pattern import BoardPattern, board_pattern_of
-from .board_shape import BoardShape, polynomial_shape, possible_shapes
+from .board_shape import FLAT, MEASURED, BoardShape, polynomial_shape, possible_shapes
 from .corners import MIN_CORNERS, Corners, without_pictures
 from .given_intrinsics import GivenIntrinsics, centred, finding_of, freed, given_test, opened, with_default_deviations
 from .models import LINEAR, MODELS
@@ -53,6 +53,10 @@ MAX_LEFT_OUT_SHARE = 0.02
 # Angle between the axes of two models that fit alike, in standard deviations of the one that is taken, above which it
 # is a caution.
 MAX_MODEL_ANGLE_SD = 3.0
+# Contradiction of given numbers, in standard deviations, below which they are not searched without them.
+MAX_AGREEMENT_SD = 2.0
+# Pixel noise above which the effect of other numbers may not be linear.
+MAX_AGREEMENT_PX = 1.0
 # Findings that wrong intrinsics make: they are not reported beside these.
 EXPLAINED_BY_GIVEN = (
     "camera.residual_pattern", "camera.board_pattern", "camera.squares_stretched", "camera.corners_left_out",
@@ -121,13 +125,19 @@ def calibrate_camera(
         )
     lenses = _lenses(model, coefficients)
     of_board = len(corners.on_board[0]) > MIN_CORNERS
-    found = _adjusted(corners, size, lenses, shape, opened(known) if known and of_board else known)
-    if known and of_board and not centred(found.bundle, known):
-        without = {name: value for name, value in opened(known).items() if name not in LINEAR}
-        found = _best_of(found, lambda: _adjusted(corners, size, lenses, shape, without))
-    bundle, corners, about_given, given = found.bundle, found.corners, list[Finding](), None
-    if known:
-        bundle, given, about_given = _with_given(found, known, size, exact)
+    adjusted = partial(_adjusted, corners, size, lenses, shape)
+    about_given, given = list[Finding](), None
+    if (of_given := _agreed(adjusted, known, size, exact) if known and of_board else None) is not None:
+        found, (bundle, given, about_given) = of_given
+    else:
+        found = adjusted(opened(known) if known and of_board else known)
+        if known and of_board and not centred(found.bundle, known):
+            without = {name: value for name, value in opened(known).items() if name not in LINEAR}
+            found = _best_of(found, lambda: adjusted(without))
+        bundle = found.bundle
+        if known:
+            bundle, given, about_given = _with_given(found, known, size, exact)
+    corners = found.corners
     if not bundle.converged:
         raise NotConvergedError(
             f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "
@@ -213,6 +223,31 @@ def _best_of(first: _Adjusted, other: Callable[[], _Adjusted]) -> _Adjusted:
     except (InputError, NotConvergedError):
         return first
     return second if second.bundle.pixel_noise < first.bundle.pixel_noise else first
+
+
+def _agreed(
+    adjusted: Callable[[Known], _Adjusted], known: Known, size: tuple[int, int], exact: bool
+) -> tuple[_Adjusted, tuple[Bundle, GivenIntrinsics, list[Finding]]] | None:
+    """Return the camera with the numbers given, and what `_with_given` does, where the pictures clearly agree.
+
+    None: they may contradict the numbers, or show a board that is not flat, which could be their doing.
+    """
+    try:
+        found = adjusted(known)
+    except (InputError, NotConvergedError):
+        return None
+    given, bundle = GivenIntrinsics.of(known, exact), found.bundle
+    test = given_test(bundle, found.corners, given.values)
+    if (
+        test is None
+        or found.rejected
+        or bundle.pixel_noise > MAX_AGREEMENT_PX
+        or (~bundle.used).mean() > MAX_LEFT_OUT_SHARE
+        or bundle.shape.name not in (FLAT, MEASURED)
+        or max(test.sigma, test.half_pixel) >= MAX_AGREEMENT_SD
+    ):
+        return None
+    return found, (bundle, given, [finding_of(test, size, bundle.model.name, exact)])
 
 
 def _with_given(
