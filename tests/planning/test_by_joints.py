@@ -13,7 +13,7 @@ import uq_handeye as uq
 from uq_handeye import InputError
 from uq_handeye.model.kinematics.forward import spread_postures
 from uq_handeye.model.kinematics.joints_file import read_joints
-from uq_handeye.use.planning.by_joints import sample_joints
+from uq_handeye.use.planning.by_joints import sample_joints, unwound
 
 ARM = chain()
 NOISE = uq.PoseNoise.isotropic(robot=(1e-6, 1e-6), camera=CAMERA)
@@ -84,8 +84,45 @@ def test_candidates_are_inside_the_limits_and_see_the_target(setup):
     view, old = (T[:, :3, 3] / np.linalg.norm(T[:, :3, 3], axis=-1)[:, None] for T in (C, poses.camera))
     widest = np.arccos(np.clip((old @ old.T).min(), -1, 1))
     assert np.arccos(np.clip((view @ old.T).max(axis=1), -1, 1)).max() < widest + 1e-6
-    # joints that turn without limits stay within half a turn of where they have been
-    assert np.abs(found[:, 5] - 0.5 * (q[:, 5].min() + q[:, 5].max())).max() <= np.pi + 1e-9
+    # joints stay within half a turn of where they have been
+    assert (np.maximum(found - q.max(axis=0), q.min(axis=0) - found) <= np.pi + 1e-9).all()
+
+
+def test_equivalent_angles_are_the_nearest_and_no_joint_is_half_a_turn_beyond():
+    arm = uq.Kinematics.from_name("ur5e")  # +-360 deg
+    so_far = np.array([[0.1, -1.5, 1.2, -1.0, -1.6, 0.0], [0.4, -1.2, 1.5, -0.8, -1.4, 2.0]])
+    near = so_far.mean(axis=0)
+    far = near + (np.pi + 0.3) * np.eye(6)[2]  # the other way round is near
+    around = near + 2 * np.pi * np.array([-1, 1, 0, 1, 1, -1])
+    found = unwound(arm, np.array([near, around, far]), so_far)
+    np.testing.assert_allclose(found[:2], [near, near], atol=1e-12)
+    np.testing.assert_allclose(arm.poses(found[2]), arm.poses(far), atol=1e-12)
+    limited = uq.Kinematics.from_name("irb120")  # +-400 deg of the last joint
+    ends = limited.limits.T.clip(-3.0, 3.0)
+    ends[:, 5] = limited.limits[5]
+    assert (np.abs(unwound(limited, ends, np.zeros((1, 6)))) <= np.pi).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_nothing_is_below_the_floor(setup):
+    q = looking(ARM, np.random.default_rng(1), 10, 0.3)
+    poses = measured(ARM, np.zeros(len(ARM.errors)), q, np.random.default_rng(1), noise=0.0)
+    frames = X, W
+    if setup == "eye-to-hand":
+        poses, frames = uq.PosePairs(poses.robot, np.linalg.inv(poses.camera), setup, joints=q), (W, X)
+    carried = frames[0] if setup == "eye-in-hand" else frames[1]
+
+    def heights(joints):
+        flange = ARM.poses(joints)
+        parts = [ARM.frames(joints)[:, 1:, 2, 3], flange[:, 2, 3], (flange @ carried)[:, 2, 3]]
+        return np.column_stack(parts).min(axis=1)
+
+    free = sample_joints(poses, ARM, q, *frames, 100, seed=4)
+    floor = float(np.median(heights(free)))
+    assert heights(sample_joints(poses, ARM, q, *frames, 100, seed=4, floor=floor)).min() >= floor
+    with pytest.raises(InputError, match="above the floor"):
+        sample_joints(poses, ARM, q, *frames, 5, seed=4, floor=50.0)
 
 
 @pytest.mark.slow
@@ -118,7 +155,7 @@ def test_text_json_and_csv_list_the_joints(exact, tmp_path):
     _, found = exact
     text = found.to_text()
     assert "axis_6" in text and "deg" in text and f"{np.degrees(found.joints[0, 0]):.2f}" in text
-    assert "The joints are inside their limits." in text and "the 60 given" in text
+    assert "The joints are inside their limits and within 180 deg" in text and "the 60 given" in text
     long = dataclasses.replace(found, joint_names=tuple(f"shoulder_{name}" for name in ARM.names)).to_text()
     assert "q1" in long and "q1 to q6: joints shoulder_axis_1, shoulder_axis_2" in long.replace("\n", " ")
     data = json.loads(found.to_json())

@@ -34,6 +34,7 @@ from uq_handeye import (
     read_poses,
     simulate,
 )
+from uq_handeye.calibration.statement.tolerance import Tolerance, probability_within
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
 from uq_handeye.model.noise.models import marginals
 from uq_handeye.model.posterior.selection import after, covariance_of, exchanged, greedy, value
@@ -419,6 +420,32 @@ def test_bad_arguments(change, message):
     given = {"data": simulate(10), "noise": NOISE} | change
     with pytest.raises(InputError, match=message):
         plan(given.pop("data"), **given)
+
+
+@pytest.mark.slow
+def test_the_number_of_poses_until_a_tolerance_is_met():
+    poses = simulate(n_poses=10, noise=NOISE, seed=4)
+    found = plan(poses, k=3, noise=NOISE, shared=[], tolerance="0.6mm", seed=1)
+    assert found.needed is not None and 1 <= found.needed <= 60
+    assert f"PASS for 0.6 mm after {found.needed} more pose" in found.to_text()
+    assert json.loads(found.to_json())["poses_until_pass"] == found.needed
+    taken = plan(poses, k=found.needed, noise=NOISE, shared=[], repeat=True, seed=1)
+    reference, R = calibrate(poses, noise=NOISE, shared=[]).reference, taken.X[:3, :3]
+    wanted = Tolerance.read("0.6mm")
+    before, after = (probability_within(S, reference, wanted, R) for S in taken._all()[-2:])
+    assert before < 0.95 <= after
+    assert plan(poses, k=1, noise=NOISE, shared=[], tolerance="50mm").needed == 0
+    hopeless = plan(poses, k=1, noise=NOISE, tolerance="0.005mm")
+    assert hopeless.needed is None and "More poses will not reach 0.005 mm" in hopeless.to_text()
+
+
+@pytest.mark.slow
+def test_drawn_poses_stay_above_the_floor():
+    poses = simulate(n_poses=10, noise=NOISE, seed=4)
+    lowest = plan(poses, k=5, noise=NOISE).robot[:, 2, 3].min()
+    floor = lowest + 0.02
+    found = plan(poses, k=5, noise=NOISE, floor=floor)
+    assert min(found.robot[:, 2, 3].min(), (found.robot @ found.X)[:, 2, 3].min()) >= floor
 
 
 @pytest.mark.slow

@@ -64,6 +64,10 @@ class Planning:
 
     Options (Planning):
       --repeat: Allow a candidate to be chosen more than once.
+      * --floor HEIGHT: Height in the robot's base that nothing goes below, such as 50mm or -0.2m: joints, flange,
+        and what the flange carries. Default: unknown.
+      * --tolerance TOLERANCE: Tolerance of X, such as 0.5mm or 1mm,0.1deg: says after how many poses X meets it
+        (PASS).
     """
 
     k: int = 5
@@ -75,6 +79,8 @@ class Planning:
     length: str | None = None
     task: Path | None = None
     repeat: bool = False
+    floor: str | None = None
+    tolerance: str | None = None
 
     def require_possible(self, arm: "Arm | None") -> None:
         """Raise `InputError` for options that are impossible or exclude each other."""
@@ -168,6 +174,8 @@ def plan_command(
             repeat=planning.repeat,
             shared=shared,
             prior=given.prior,
+            floor=planning.floor,
+            tolerance=planning.tolerance,
             **of_arm,
         )
     _deliver(found, form, as_json, output)
@@ -194,6 +202,8 @@ def _plan_of_result(
             sample=planning.sample,
             seed=planning.seed,
             repeat=planning.repeat,
+            floor=planning.floor,
+            tolerance=planning.tolerance,
         )
     _deliver(found, form, as_json, output)
 

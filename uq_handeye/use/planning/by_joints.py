@@ -4,8 +4,10 @@ For an arm with kinematic errors, X, W and the errors e of the arm are joint unk
 does not depend on the choice of base and flange (K2): it is the error with which a point seen at one posture is
 predicted at another. Camera poses are drawn as in `candidates`, without a box, and the arm is brought there by inverse
 kinematics (`arms.postures`), half of the draws from near the joints so far, half from postures anywhere inside the
-limits: these take other branches of the elbow and the wrist. Obstacles are unknown, and collisions of the arm with
-itself are not checked.
+limits: these take other branches of the elbow and the wrist. Of the equivalent angles of a joint the one nearest to the
+joints so far is taken, and a posture counts only if every joint is within half a turn of one of them: cables would not
+follow it. With a floor, no joint, flange or camera is below it. Other obstacles are unknown, and collisions of the arm
+with itself are not checked.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: Pla
     assert result.W is not None
     if asked.candidates is None:
         e = None if fitted is None else fitted.e
-        q = sample_joints(known.data, chain, joints, result.X, result.W, asked.sample, e=e, seed=asked.seed)
+        q = sample_joints(
+            known.data, chain, joints, result.X, result.W, asked.sample, e=e, seed=asked.seed, floor=asked.floor_m
+        )
     else:
         q = _inside(chain, asked.candidates, "candidates")
     more: dict[str, Any] = {"joint_names": chain.names, "joint_units": tuple(joint.unit for joint in chain.joints)}
@@ -71,10 +75,12 @@ def sample_joints(
     seed: int | np.random.Generator,
     e: Array | None = None,
     near: tuple[float, float] = (0.5, 0.1),
+    floor: float | None = None,
 ) -> Array:
     """Up to ``n`` joints (m, L) inside the limits from which the camera sees the target; see the module.
 
     Half of the draws start from joints so far, moved by normal numbers with the standard deviations ``near`` (rad, m).
+    ``floor``: height in the base (m) above which the arm and what it carries stay.
 
     Raises
     ------
@@ -92,10 +98,18 @@ def sample_joints(
         other = rng.uniform(size=size) < 0.5
         start[other] = anywhere[rng.integers(len(anywhere), size=int(other.sum()))]
         postures = postures_at(chain, robot, start, e)
-        return _unwound(chain, postures.q[postures.reached], joints)
+        q = unwound(chain, postures.q[postures.reached], joints)
+        if floor is not None:
+            carried = X if data.setup == "eye-in-hand" else W
+            flange = chain.poses(q)
+            moving = chain.frames(q)[:, 1:, 2, 3]  # the first joint is where it is
+            q = q[np.column_stack([moving, flange[:, 2, 3], (flange @ carried)[:, 2, 3]]).min(axis=1) >= floor]
+        return q
 
+    above = "" if floor is None else ", above the floor"
     why = (
-        "poses that look at the target is within reach and joint limits. Are X, the joints and the URDF right? If so, "
+        f"poses that look at the target is within reach and joint limits{above}. Are X, the joints and the URDF right? "
+        "If so, "
         "give candidates of your own."
     )
     return drawn(draw, n, why, draws=20, ahead=3, at_once=2_000)
@@ -145,8 +159,15 @@ def _inside(chain: Kinematics, values: ArrayLike, name: str) -> Array:
     return q
 
 
-def _unwound(chain: Kinematics, q: Array, joints: Array) -> Array:
-    """The same postures with joints that rotate without limits within half a turn of where they have been."""
-    endless = chain.revolute & ~np.isfinite(chain.limits).any(axis=1)
+def unwound(chain: Kinematics, q: Array, joints: Array) -> Array:
+    """Return postures (k, L) with the angles nearest to the joints so far; those that stay beyond half a turn go.
+
+    ``q`` (m, L) inside the limits. Angles that differ by whole turns are the same posture, where the limits allow both.
+    """
+    low, high = chain.limits.T
     middle = 0.5 * (joints.min(axis=0) + joints.max(axis=0))
-    return np.where(endless, middle + (q - middle + np.pi) % (2 * np.pi) - np.pi, q)
+    turns = np.where(chain.revolute, np.round((q - middle) / (2.0 * np.pi)), 0.0)
+    nearest = q - 2.0 * np.pi * turns
+    q = np.where((nearest >= low) & (nearest <= high), nearest, q)
+    away = np.maximum(q - joints.max(axis=0), joints.min(axis=0) - q)
+    return np.asarray(q[(~chain.revolute | (away <= np.pi)).all(axis=1)])

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.same_things import ROBOT
 from ...calibration.prediction.predict import CameraAhead, camera_at, own_noise
+from ...calibration.statement.tolerance import MET, Tolerance, ToleranceLike, probability_within
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import TINY
@@ -41,6 +42,8 @@ from .candidates import require_choice
 from .result import FORMS, Plan
 
 PREDICTION = "prediction"
+# Poses after which it is said that more of them will not make X meet a tolerance.
+MAX_POSES_TO_PASS = 60
 CRITERIA = ("trace", "logdet", "point")
 
 
@@ -63,6 +66,13 @@ class PlanRequest:
     kinematic_errors: KinematicErrors | None = None
     task: ArrayLike | None = None
     prior: NoisePrior | None = None
+    floor: str | float | None = None
+    tolerance: ToleranceLike | None = None
+
+    @property
+    def floor_m(self) -> float | None:
+        """Height of the floor in the base, m."""
+        return None if self.floor is None else parse_length(self.floor, "`floor`")
 
     def __post_init__(self) -> None:
         require_integer("k", self.k, 1)
@@ -92,6 +102,10 @@ class PlanRequest:
             if np.shape(self.point) != (3,):
                 raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {self.point!r}.")
             point = np.array([parse_length(x, "`point`") for x in self.point])
+        if self.tolerance is not None:
+            object.__setattr__(self, "tolerance", Tolerance.read(self.tolerance))
+        if self.floor_m is not None and self.candidates is not None:
+            raise InputError("The floor is for candidates that are drawn: leave it out beside `candidates`.")
         for name, value in (("criterion", criterion), ("point", point), ("length", length)):
             object.__setattr__(self, name, value)
 
@@ -138,6 +152,8 @@ def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhea
     rows = whiten(cholesky_of(ahead.noise + ahead.unseen), ahead.columns)
     picked, covariances, values = result.posterior.choose(rows[in_view], k, Q, repeat=repeat)
     chosen = in_view[picked]
+    if (tolerance := cast("Tolerance | None", asked.tolerance)) is not None:
+        more |= {"tolerance": tolerance, "needed": _until_met(known, rows[in_view], Q, tolerance)}
     form = data.sources[0].format if data.sources and "joints" not in more else ""
     return Plan(
         chosen=chosen,
@@ -163,6 +179,18 @@ def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhea
         form=form if form in FORMS else None,
         **{name: value[chosen] if name == "joints" else value for name, value in more.items()},
     )
+
+
+def _until_met(known: Known, rows: Array, Q: Array | None, tolerance: Tolerance) -> int | None:
+    """Return how many more poses, the best first, until X meets a tolerance; None: not by `MAX_POSES_TO_PASS`."""
+    result = known.result
+    if len(known.open_directions) or result.posterior is None:
+        return None
+    _, covariances, _ = result.posterior.choose(rows, MAX_POSES_TO_PASS, Q, repeat=True)
+    for count, S in enumerate(covariances):
+        if probability_within(S, result.reference, tolerance, result.X[:3, :3]) >= MET:
+            return count
+    return None
 
 
 def _in_view(data: PosePairs, camera: Array, min_mean: float = 0.5) -> NDArray[np.intp]:

@@ -34,7 +34,14 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def sample_candidates(
-    data: PosePairs, X: Array, W: Array, n: int, *, seed: int | np.random.Generator, grown: float = 0.15
+    data: PosePairs,
+    X: Array,
+    W: Array,
+    n: int,
+    *,
+    seed: int | np.random.Generator,
+    grown: float = 0.15,
+    floor: float | None = None,
 ) -> Array:
     """Up to ``n`` robot poses ``base_T_gripper`` (m, 4, 4) around the target, near the poses so far; see the module.
 
@@ -49,6 +56,8 @@ def sample_candidates(
         Fewer come back only if fewer than n of 50 n draws fall into the box.
     grown : float
         By which the box of the robot positions so far is grown; see the module.
+    floor : float or None
+        Height in the base (m) above which the flange and what it carries stay.
 
     Raises
     ------
@@ -65,11 +74,15 @@ def sample_candidates(
     def draw(size: int) -> Array:
         robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
         inside = ((robot[:, :3, 3] >= low - margin) & (robot[:, :3, 3] <= high + margin)).all(axis=-1)
+        if floor is not None:
+            carried = robot @ (X if data.setup == "eye-in-hand" else W)
+            inside &= np.minimum(robot[:, 2, 3], carried[:, 2, 3]) >= floor
         return np.asarray(robot[inside])
 
+    above = "" if floor is None else ", above the floor"
     why = (
-        f"poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where it has been. Is X right? "
-        "If so, give candidates of your own."
+        f"poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where it has been{above}. "
+        "Is X right? If so, give candidates of your own."
     )
     return drawn(draw, n, why, draws=50, ahead=4, at_once=20_000)
 

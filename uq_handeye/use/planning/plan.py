@@ -100,6 +100,10 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
         Joints (rad, m) at which predictions are to be good; None: postures spread over the joint limits.
     prior : NoisePrior or None
         As in `calibrate`, where ``noise`` is None.
+    floor : float (m), str or None
+        Height in the base above which the flange and what it carries stay, of an arm also its joints.
+    tolerance : text, numbers or None
+        Tolerance of X, such as ``"0.5mm"``: the plan says after how many poses it is met (PASS).
 
     Raises
     ------
@@ -158,7 +162,7 @@ def plan_from(known: Known, asked: PlanRequest) -> Plan:
     if arm is not None:
         return plan_within_reach(known, arm.chain, arm.joints, asked)
     if asked.candidates is None:
-        robot = sample_candidates(known.data, result.X, result.W, asked.sample, seed=asked.seed)
+        robot = sample_candidates(known.data, result.X, result.W, asked.sample, seed=asked.seed, floor=asked.floor_m)
     else:
         robot = np.asarray(as_transforms(asked.candidates, "candidates"))
         if robot.ndim != 3 or len(robot) == 0:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...calibration.statement.tolerance import Tolerance
 from ...core.files.csv_text import csv_text
 from ...core.files.json_values import JsonObject
 from ...core.files.records import attributes
@@ -60,6 +61,8 @@ class Plan(ReadOnlyArrays, Shown):
     joint_noise: float = 0.0  # rad, of each joint of each new pose
     task: Array | None = None  # (t, L) joints at which predictions are to be good, of criterion prediction
     task_given: bool = False  # or spread over the joint limits
+    tolerance: Tolerance | None = None  # which X is to meet
+    needed: int | None = None  # more poses until it does (PASS); None: not by any number that was tried
     form: str | None = None  # a name of `FORMS`: how the robot's poses are written; None: m and quaternion
 
     @property
@@ -105,6 +108,8 @@ class Plan(ReadOnlyArrays, Shown):
         if self.joints is not None:
             named |= attributes(self, "joint_names joint_units joint_noise")
             named["task"] = self.task.tolist() if self.task is not None and self.task_given else None
+        if self.tolerance is not None:
+            named |= {"tolerance": str(self.tolerance), "poses_until_pass": self.needed}
         where = [
             {"candidate": row, **({} if self.joints is None else {"joints": self.joints[k].tolist()})}
             | {"robot": self.robot[k].tolist(), "camera": self.camera[k].tolist()}

@@ -16,7 +16,8 @@ from .weak_prior import WEAK_PRIOR_SD
 @document_of.register(Plan)
 def plan_document(plan: Plan) -> Document:
     """A sentence, a table, and what the numbers mean."""
-    return [Paragraph(headline(plan)), _table(plan), [Paragraph(note) for note in _notes(plan)]]
+    until = [] if plan.tolerance is None else [Paragraph(_until_pass(plan))]
+    return [[Paragraph(headline(plan)), *until], _table(plan), [Paragraph(note) for note in _notes(plan)]]
 
 
 def headline(plan: Plan) -> str:
@@ -35,6 +36,21 @@ def headline(plan: Plan) -> str:
         f"{poses} the translation of {plan.frame} from {_mm(before[1])} to {_mm(after[1])} mm and its rotation from "
         f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, worst axis)."
     )
+
+
+def _until_pass(plan: Plan) -> str:
+    """State how many poses are needed until X meets the tolerance."""
+    if len(plan.open_directions):
+        return f"How many poses {plan.tolerance} needs is not known while X is open."
+    if plan.needed is None:
+        return (
+            f"More poses will not reach {plan.tolerance}: errors that all poses share limit X. Measure the target, "
+            "give the intrinsics or the arm, or accept a larger tolerance."
+        )
+    if plan.needed == 0:
+        return f"{plan.tolerance} is met by the poses so far: PASS needs no more poses."
+    poses = f"{plan.needed} more {'pose' if plan.needed == 1 else 'poses'} like these"
+    return f"PASS for {plan.tolerance} after {poses}, {plan.n_poses + plan.needed} in all, if the checks stay ok."
 
 
 def _table(plan: Plan) -> Table:
@@ -102,8 +118,9 @@ def _notes(plan: Plan) -> list[str]:
         )
     else:
         limits = (
-            "The joints are inside their limits. Obstacles, and the arm itself in its way, are not known; branches of "
-            "elbow and wrist may change between poses: look at each pose before you drive there."
+            "The joints are inside their limits and within 180 deg of the joints so far. Obstacles, and the arm itself "
+            "in its way, are not known; branches of elbow and wrist may change between poses: look at each pose before "
+            "you drive there."
         )
     notes.append(f"Predicted to first order, for the noise {whose}{included}. {limits}")
     return notes
