@@ -32,7 +32,6 @@ if _typing.TYPE_CHECKING:
     from .fit.input_checks.board_rotation import resolve_board_rotation
     from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
     from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
-    from .fit.likelihood.rig_bundle import Agreement
     from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
@@ -117,7 +116,6 @@ from ._version import __version__ as __version__
 __all__ = [
     "METHODS",
     "ROBOT_WORLD_METHODS",
-    "Agreement",
     "ArmPoses",
     "Board",
     "BoardShape",
@@ -314,7 +312,6 @@ _LATER = {
         "efficient",
         "maximum_likelihood",
     ),
-    "fit.likelihood.rig_bundle": ("Agreement",),
     "use.live_session.api": ("Live", "live"),
     "use.maintenance.check": ("check",),
     "use.maintenance.check_result": ("ChangeCheck",),

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy import stats
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
@@ -27,10 +28,8 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.core.presentation.colours import BLUE, GREEN, ORANGE
 from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.constraint import Unknowns
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.gauss_helmert import Fit, efficient
 from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof
-from uq_handeye.fit.likelihood.rig_bundle import adjust_rig
 from uq_handeye.fit.one_model.noise_of_data import estimate_noise
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners
@@ -117,6 +116,38 @@ def poses_of(corners: Corners, robot: Any, model: str = "pinhole", setup: str = 
     return uq.PosePairs(robot[seen.rows], seen.poses, setup, camera_calibration=seen)
 
 
+def adjusted_at_once(poses: uq.PosePairs, robot: Any, at: Fit) -> tuple[Any, Any]:
+    """X and its covariance by least squares of the corners over intrinsics, X, W and the robot poses, none eliminated.
+
+    ``robot`` is the diagonal covariance (6, 6) of each robot pose, ``at`` a fit to start from.
+    """
+    seen = poses.camera_calibration
+    assert seen is not None and at.W is not None
+    start_X, start_W = at.X, at.W
+    bundle, picture, n = seen.bundle, seen.corners.picture, poses.n
+    sd, noise = np.sqrt(np.diag(robot)), seen.bundle.picture_noise[picture, None]
+    units = np.sqrt(np.diag(bundle.covariance))[bundle.free]
+    q = 12 + len(units)
+
+    def residuals(x: Any) -> Any:
+        X, W, k = perturb(start_X, x[:6]), perturb(start_W, x[6:12]), bundle.parameters.copy()
+        k[bundle.free] += units * x[12:q]
+        u = x[q:].reshape(n, 6)
+        G = perturb(poses.robot, -u * sd)
+        C = inverse((G if poses.setup == "eye-in-hand" else inverse(G)) @ X) @ W
+        points = (C[picture, :3, :3] @ seen.corners.points[..., None])[..., 0] + C[picture, :3, 3]
+        pixels = bundle.model.project(k[: len(bundle.model.names)], points).pixels
+        off = (pixels - seen.corners.pixels) / noise * bundle.used[:, None]
+        return np.concatenate([off.ravel(), u.ravel()])
+
+    start = np.zeros(q + 6 * n)
+    found = least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-10)
+    J = np.asarray(found.jac)
+    unit = 1.0 / np.linalg.norm(J, axis=0)
+    covariance = np.linalg.inv(J.T @ J * np.outer(unit, unit)) * np.outer(unit, unit)
+    return perturb(at.X, found.x[:6]), covariance[:6, :6]
+
+
 def error(X: Any, truth: Any) -> Any:
     """(theta, tau) of X (4, 4)."""
     turn = Rotation.from_matrix(X[:3, :3] @ truth[:3, :3].T).as_rotvec()
@@ -146,10 +177,10 @@ def one_set(seed: int, with_bundle: bool) -> dict[str, float]:
     found["factor_p"] = np.nan if factor is None else factor.p_value
     if with_bundle:
         at = fits["joint"]
-        bundle = adjust_rig(poses, ROBOT, Unknowns(at.X, at.W))
-        e = error(bundle.X, at.X)
+        X, covariance = adjusted_at_once(poses, ROBOT, at)
+        e = error(X, at.X)
         found["bundle_sd"] = float(np.sqrt(e @ np.linalg.solve(at.covariance_X, e)))
-        ratio = np.linalg.eigvals(np.linalg.solve(at.covariance_X, bundle.covariance_X)).real
+        ratio = np.linalg.eigvals(np.linalg.solve(at.covariance_X, covariance)).real
         found["bundle_variance"] = float(np.abs(ratio - 1).max())
     return found
 

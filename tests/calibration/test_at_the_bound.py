@@ -151,7 +151,7 @@ def test_refuses_what_contradicts_itself(poses):
         ({"kind": "pairs", "method": "efficient"}, "kind='pairs' with method 'efficient'"),
         ({"scale": 1e4, "method": "ml"}, "no `scale` with method 'ml'"),
         ({"covariance": "magic"}, "`covariance` to be one of model, sandwich"),
-        ({"method": "magic"}, "`method` to be one of efficient, ml, bundle, tsai"),
+        ({"method": "magic"}, "`method` to be one of efficient, ml, tsai"),
     ):
         with pytest.raises(uq.InputError, match=match):
             uq.calibrate(poses, **options)

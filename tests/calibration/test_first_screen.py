@@ -11,7 +11,6 @@ from fixtures.rigs_on_arms import ARM, rig
 from support import SEED
 
 import uq_handeye as uq
-from studies.camera_covariance import poses_of, recorded
 from uq_handeye.calibration.report.first_screen import LINES, first_screen, next_step, title_of
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation.document import COLUMNS, to_text
@@ -22,11 +21,6 @@ SMALL = uq.PoseNoise.isotropic(robot=("0.01deg", "0.02mm"), camera=("0.03deg", "
 
 def of_arm():
     return quietly(rig(np.random.default_rng(SEED)).poses, kinematics=ARM)
-
-
-def from_corners(method):
-    corners, robot, _ = recorded(np.random.default_rng(11))
-    return quietly(poses_of(corners, robot), method=method)
 
 
 CASES = {
@@ -44,7 +38,6 @@ CASES = {
     "exact data": lambda: quietly(uq.PosePairs(POSES.truth.robot, POSES.truth.camera)),
     "open directions": lambda: quietly(few_axes.rig("scara", 15, np.random.default_rng(2)), noise=few_axes.NOISE),
     "joints": of_arm,
-    "bundle": lambda: from_corners("bundle"),
     "not usable, inverse": lambda: quietly(uq.PosePairs(POSES.robot, np.linalg.inv(POSES.camera)), noise=NOISE),
     "not usable, shifted": lambda: quietly(uq.PosePairs(POSES.robot[1:], POSES.camera[:-1]), noise=NOISE),
     "not usable, same file": lambda: quietly(uq.PosePairs(POSES.robot, POSES.robot), noise=NOISE),

@@ -1,4 +1,4 @@
-"""calibrate() on camera poses from corners: their joint covariance, the robot's noise, the bundle, texts and files."""
+"""calibrate() on camera poses from corners: their joint covariance, the robot's noise, texts and files."""
 
 import json
 import warnings
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import assert_same_covariance, difference, moved
+from support import assert_same_covariance, moved
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, error, poses_of, recorded
@@ -40,7 +40,7 @@ def result(recording):
 def test_nothing_but_poses_from_corners(recording, result):
     poses, X = recording
     assert result.method == "efficient" and isinstance(result.noise.camera, JointCovariance)
-    of_corners = poses.camera_calibration.covariance.shared  # beside them the size of the target is in doubt
+    of_corners = result.data.camera_calibration.covariance.shared  # beside them the size of the target is in doubt
     np.testing.assert_array_equal(result.noise.camera.shared[..., : of_corners.shape[-1]], of_corners)
     keys = result.noise.camera.keys[of_corners.shape[-1] :]
     assert [key for key in keys if key.error != CAMERA_EXCESS] == [TARGET_SCALE]
@@ -49,7 +49,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     tiny = {str(CAMERA_EXCESS): "1e-6px", str(PICTURE_SHIFT): "1e-6px"}
     plain = calibrate(poses, shared=[], correlation="none", sizes=tiny)
     beside = calibrate(poses, shared=[], correlation="none")
-    alone = estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X)
+    alone = estimate_robot_noise(plain.data, plain.data.camera_calibration.covariance, start=plain.X)
     for name in ("robot rotation", "robot translation"):  # the same model, but for what corners of a picture share
         assert plain.noise_estimate[name].size == pytest.approx(alone[name].size, rel=1e-2)
         assert beside.noise_estimate[name].low < alone[name].size < beside.noise_estimate[name].high
@@ -67,7 +67,7 @@ def test_noise_of_the_robot_alone_is_completed(recording):
     S = poses.camera_calibration.covariance
     found = calibrate(poses, noise=uq.PoseNoise(ROBOT))
     expected = calibrate(poses, noise=uq.PoseNoise(ROBOT, S))
-    np.testing.assert_array_equal(found.covariance, expected.covariance)
+    assert_same_covariance(found.covariance, expected.covariance, 0.05)  # whose corners are not linearised again
     assert found.noise_estimate is None and "correlated over the poses" in found.summary(verbose=True)
     given = calibrate(poses, noise=uq.PoseNoise(ROBOT, marginals(S)))  # as given
     assert given.noise.camera.shape == (poses.n, 6, 6)
@@ -98,39 +98,15 @@ def test_other_methods_get_the_covariance_of_the_same_noise(recording, result, m
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_bundle(rng, setup):
-    corners, robot, X = recorded(rng, setup=setup)
-    poses = poses_of(corners, robot, setup=setup)
-    found, beside = calibrate(poses, method="bundle"), calibrate(poses, shared=[])
-    assert found.method == "bundle" and found.iterations > 0
-    known = calibrate(poses, method="bundle", noise=uq.PoseNoise(found.noise.robot))  # by the same noise one estimate
-    assert known.agreement.distance < 0.05
-    np.testing.assert_allclose(known.agreement.eigenvalues, 1, atol=0.03)
-    # A shift of each picture that the data leave open is in `efficient` and not in the bundle.
-    assert found.agreement.distance < 0.15
-    np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.1)
-    off = difference(found.X, beside.X) / beside.std
-    np.testing.assert_allclose(off, found.agreement.by_component, atol=0.03)
-    assert_same_covariance(found.covariance, beside.covariance, 0.1)
-    away = error(found.X, X)
-    assert away @ np.linalg.solve(found.covariance, away) < found.quantile(0.9999)
-    assert calibrate(poses, method="bundle").to_json() == found.to_json()  # nothing in it is of the run
-    assert found.agreement.sentence.split()[0] in found.summary(verbose=True)
-
-
-@pytest.mark.slow
 def test_a_wrong_robot_row_is_found(rng):
     corners, robot, X = recorded(rng)
     robot = robot.copy()
     robot[7] = moved(robot[7], np.array([0, 0.05, 0, 0.02, 0, 0]))
     poses = poses_of(corners, robot)
-    for method in ("efficient", "bundle"):
-        found = calibrate(poses, method=method)
-        assert found.table.flag[7] == "rejected" and [k for k, w in enumerate(found.table.weight) if w == 0] == [7]
-        off = error(found.X, X)
-        assert off @ np.linalg.solve(found.covariance, off) < found.quantile(0.9999)
-    assert found.agreement.distance < 0.15
+    found = calibrate(poses)
+    assert found.table.flag[7] == "rejected" and [k for k, w in enumerate(found.table.weight) if w == 0] == [7]
+    off = error(found.X, X)
+    assert off @ np.linalg.solve(found.covariance, off) < found.quantile(0.9999)
     good = calibrate(poses.rows(np.arange(20) != 7))
     assert_same_covariance(calibrate(poses).covariance, good.covariance, 0.5)
 
@@ -150,7 +126,7 @@ def test_a_half_turned_board_is_found(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["efficient", "bundle", "ml"])
+@pytest.mark.parametrize("method", ["efficient", "ml"])
 def test_files_and_reports(recording, tmp_path, method, without_rendering):
     found = calibrate(recording[0], method=method)
     found.to_json(tmp_path / "x.json")
@@ -160,12 +136,7 @@ def test_files_and_reports(recording, tmp_path, method, without_rendering):
     found.report(tmp_path / "x.html", comparison=False)
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     assert "from corners" in text and "camera model" in text
-    assert ("Bundle adjustment against" in text) == (method == "bundle")
     damaged = json.loads((tmp_path / "x.json").read_text())
-    if method == "bundle":
-        damaged["agreement"]["eigenvalues"] = [1.0, 2.0]
-        with pytest.raises(InputError, match=r"shape \(6,\), got"):
-            uq.Calibration.from_dict(damaged)
     del damaged["noise"]["camera"]["own"]
     with pytest.raises(InputError, match="damaged"):
         uq.Calibration.from_dict(damaged)
@@ -205,22 +176,9 @@ def test_residuals_that_contradict_the_corners_are_said(recording):
     """Corners four times better than they are, as the calibration believes: the residuals say so."""
     poses, _ = recording
     seen = poses.camera_calibration
-    bundle = replace(seen.bundle, own=16.0 * seen.bundle.own, covariance=16.0 * seen.bundle.covariance)
+    of = seen.bundle
+    bundle = replace(of, own=16.0 * of.own, covariance=16.0 * of.covariance, pixel_noise=4.0 * of.pixel_noise)
     wide = uq.PosePairs(poses.robot, seen.poses, camera_calibration=replace(seen, bundle=bundle))
     found = calibrate(wide)
     assert any("contradict the camera's covariance" in text for text in found.warnings)
     assert not any("contradict the camera's covariance" in text for text in calibrate(poses).warnings)
-
-
-def test_what_bundle_needs(recording):
-    poses, _ = recording
-    with pytest.raises(InputError, match="expected poses with a `camera_calibration`"):
-        uq.calibrate(uq.simulate(10, seed=1), method="bundle")
-    with pytest.raises(InputError, match="only covariance='model', got 'sandwich'"):
-        uq.calibrate(poses, method="bundle", covariance="sandwich")
-    with pytest.raises(InputError, match=r"give only PoseNoise\(robot=...\)"):
-        uq.calibrate(poses, method="bundle", noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm")))
-    with pytest.raises(InputError, match="got a dense joint covariance"):
-        uq.calibrate(poses, method="bundle", noise=uq.PoseNoise(robot=1e-8 * np.eye(120)))
-    given = calibrate(poses, method="bundle", noise=uq.PoseNoise(ROBOT))
-    assert given.agreement.distance < 0.1 and given.noise_estimate is None

@@ -15,7 +15,7 @@ import typer
 from fixtures.commands import NOISE, run, write_session
 
 import uq_handeye as uq
-from uq_handeye.calibration.request import BUNDLE, COVARIANCES
+from uq_handeye.calibration.request import COVARIANCES
 from uq_handeye.cli import app as cli
 from uq_handeye.cli import names as cli_names
 from uq_handeye.cli.commands import export as cli_files
@@ -49,7 +49,6 @@ def test_names_are_those_of_the_registries():
     assert tuple(ESTIMATORS) == cli_names.AT_THE_BOUND
     assert tuple(METHODS) == cli_names.PUBLISHED
     assert tuple(ROBOT_WORLD_METHODS) == cli_names.ROBOT_WORLD
-    assert cli_names.BUNDLE == BUNDLE
     assert tuple(SETUPS) == cli_names.SETUP_NAMES
     assert cli_names.COVARIANCE_NAMES == COVARIANCES
     assert set(cli_names.FORMAT_NAMES) == set(FORMATS)

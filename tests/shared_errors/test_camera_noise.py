@@ -17,7 +17,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.model.camera.intrinsics_file import KnownIntrinsics
 from uq_handeye.model.shared_errors.assumed import default_errors
-from uq_handeye.model.shared_errors.camera_noise import _derivatives, _lens_of
+from uq_handeye.model.shared_errors.camera_noise import _derivatives, lens_of
 
 K = np.array([[1100.0, 0, 640], [0, 1090, 470], [0, 0, 1]])
 POINTS = board()
@@ -51,7 +51,7 @@ def squared(X, covariance, truth):
 def test_the_derivatives_are_those_of_symbols_and_of_differences(views):
     poses, _, _, _ = views
     C = poses.camera[:2]
-    A, B = _derivatives(_lens_of(K, None), C, POINTS)
+    A, B = _derivatives(lens_of(K, None), C, POINTS)
 
     fx, fy, cx, cy = lens = sp.symbols("fx fy cx cy")
     theta, tau = sp.Matrix(sp.symbols("a:3")), sp.Matrix(sp.symbols("b:3"))

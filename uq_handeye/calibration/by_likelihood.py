@@ -73,7 +73,7 @@ from ..model.shared_errors.in_noise import shared_columns, with_shared, without_
 from ..model.shared_errors.shared_error import WRONG_SIZE
 from ..model.shared_errors.walk import assumed_walk
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
-from .camera_of_result import given_by_robot, moved_intrinsics
+from .camera_of_result import given_by_robot, is_negligible, moved_intrinsics
 from .closed_forms import closed_forms
 from .contradictions import against_corners, against_data_sheet, against_prior, shared_findings
 from .estimate.analysis import Analysis, FittedKinematics
@@ -290,10 +290,7 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
         return None
     arm = job.arm._replace(joints=result.kinematics.joints)
     again = arm.linear_about(result.kinematics.e)
-    xi = difference(again, job.poses.robot)
-    moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (xi[:, :3], xi[:, 3:])]
-    known = [float(np.sqrt(np.trace(result.covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]
-    if all(move <= MAX_SECOND_ORDER_SD * sd for move, sd in zip(moved, known, strict=True)):
+    if is_negligible(difference(again, job.poses.robot), result.covariance, MAX_SECOND_ORDER_SD):
         return None
     return replace(job.poses, robot=again)
 

@@ -30,6 +30,7 @@ from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.scale_start import start_scale
 from ..fit.likelihood.screws import scale_by_screws
+from ..model.camera.adjustment.linearised import with_pictures
 from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.error_terms.sizes import Size
 from ..model.poses.camera_scale import CameraScale
@@ -40,10 +41,10 @@ from ..model.shared_errors.shared_error import SharedError
 from ..rig.description import Rig, require_left_out
 from ..rig.noise import NoiseByName
 from ..rig.single import is_single, single_of
-from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .by_rotation import by_rotation, without_positions
+from .camera_of_result import corners_at_estimate
 from .estimate.analysis import Analysis
 from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
@@ -60,13 +61,15 @@ from .findings import (
 )
 from .job import Job, job_of
 from .pair_findings import findings_of_pairs
-from .request import BUNDLE, Request, documented
+from .request import Request, documented
 from .result import Calibration
 from .split_fit import SplitFit, split_fit, split_of_poses
 
 if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
+# Times that the errors of an arm and the corners are linearised again, at their estimate.
+MAX_LINEARISATIONS = 2
 # Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
 MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
 
@@ -210,10 +213,14 @@ def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, a
     if isinstance(whole, PosePairs):
         robot = data.robot.copy()
         robot[selection.kept] = whole.robot  # those of an arm may replace the measured ones
+        camera, seen = data.camera, data.camera_calibration
+        if seen is not None and whole.camera_calibration is not None:  # linearised elsewhere
+            bundle = with_pictures(seen.bundle, seen.corners, selection.kept, whole.camera_calibration.bundle)
+            camera, seen = bundle.poses, seen.with_bundle(bundle)
         timing = data.timing
         if timing is not None and whole.timing is not None:
             timing = replace(timing, std=whole.timing.std)  # may have been given
-        whole = replace(data, robot=robot, timing=timing)
+        whole = replace(data, robot=robot, camera=camera, camera_calibration=seen, timing=timing)
     values: dict[str, Any] = {"excluded": list(asked), "fit": None, "limit": None}
     if table is not None and table.item == "pose" and result.W is not None:
         found = residuals_against(result, data.rows(selection.excluded))
@@ -374,22 +381,29 @@ def _run(job: Job) -> tuple[Calibration, list[Finding]]:
     if job.noise is None and job.method in ESTIMATORS:  # many small matrices, for which threads only wait
         with one_thread():
             return by_likelihood(job)
-    if job.method == BUNDLE:
-        return by_bundle(job)
     return by_likelihood(job) if job.method in ESTIMATORS else by_published(job)
 
 
 def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, list[Finding]]:
-    """Return X, with the errors of an arm linearised at their estimate: the request it is of, X and its findings."""
+    """Return X, with errors of an arm and corners linearised at their estimate: the request it is of, X, findings."""
     try:
         result, more = _run(job)
-        for _ in range(2):  # the errors of an arm are linearised again at their estimate, twice at most
-            if (about := poses_about_errors(job, result)) is None:
+        for _ in range(MAX_LINEARISATIONS):
+            about = poses_about_errors(job, result)
+            seen = corners_at_estimate(result) if job.request.camera_of_data else None
+            again = job.poses if about is None else about
+            if again is None or (about is None and seen is None):
                 break
-            assert job.arm is not None and result.kinematics is not None
-            again = about if data is data.poses else relative_motions(about, np.asarray(job.motions.pairs))
-            at = (job.arm.measured, result.kinematics.e)
-            job = job_of(replace(job.request, joints=result.kinematics.joints), again, at)
+            if seen is not None:
+                again = replace(again, camera=seen.poses, camera_calibration=seen)
+            request, at = job.request, None
+            if job.arm is not None and result.kinematics is not None:
+                request = replace(request, joints=result.kinematics.joints)
+                e = job.arm.at if about is None else result.kinematics.e
+                at = None if e is None else (job.arm.measured, e)
+            job = job_of(
+                request, again if data is data.poses else relative_motions(again, np.asarray(job.motions.pairs)), at
+            )
             result, more = _run(job)
     except (InputError, NotConvergedError) as error:
         return _plainer(job, error)

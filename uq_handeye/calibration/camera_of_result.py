@@ -22,20 +22,27 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from ..core.formatting.numbers import short
-from ..core.geometry.se3 import Array
+from ..core.geometry.se3 import Array, difference
 from ..core.numbers.rounding import SOLUTION_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, Severity
-from ..fit.likelihood.gauss_helmert import Fit
+from ..fit.likelihood.gauss_helmert import Fit, corrected
 from ..model.camera.adjustment.bundle import Sight, poses_only
+from ..model.camera.adjustment.linearised import linearised
 from ..model.camera.calibrated import Calibrated
 from ..model.camera.given_intrinsics import CAUTION_SD, GivenTest, finding_of, given_test
 from ..model.camera.result import CameraCalibration
 from ..model.error_terms.keys import INTRINSICS
 from ..model.noise.joint_covariance import joint_of
 from ..model.noise.models import Noise
+from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
+from .estimate.analysis import Analysis
 from .estimate.estimated import Estimated
+
+# Corners are linearised again where that moves the camera poses by more than this, in standard deviations of X: what
+# intrinsics do is common to all poses, and moves X by up to ten times as much.
+MAX_CORNER_MOVE_SD = 0.01
 
 
 def _moves(seen: Calibrated, noise: Noise | None, posterior: Posterior) -> tuple[Array, list[int]] | None:
@@ -85,6 +92,38 @@ def corrected_camera(result: Estimated) -> CameraCalibration | None:
         pixel_noise=bundle.pixel_noise,
     )
     return replace(seen, bundle=corrected, findings=(*seen.findings, Finding("camera.corrected_by_robot", "note")))
+
+
+def corners_at_estimate(result: Estimated) -> CameraCalibration | None:
+    """Return the camera of a result with its poses linearised at the intrinsics and poses of the estimate.
+
+    None without corners or posterior, and where it makes no difference (`MAX_CORNER_MOVE_SD`).
+    """
+    analysis, posterior, covariance = result.analysis, result.posterior, result.covariance
+    if not isinstance(analysis, Analysis) or posterior is None or covariance is None:
+        return None
+    data = analysis.data
+    seen = data.camera_calibration if isinstance(data, PosePairs) else None
+    if seen is None or not isinstance(data, PosePairs):
+        return None
+    parameters = np.array(seen.bundle.parameters)
+    if (found := _moves(seen, analysis.noise, posterior)) is not None:
+        parameters -= found[0] @ posterior.estimate[found[1]]
+    _, poses = corrected(analysis.fit, analysis.noise, data.robot, data.camera)
+    try:
+        bundle = linearised(seen.bundle, seen.corners, parameters, poses)
+    except np.linalg.LinAlgError:  # of files that do not belong together: the board lies behind the camera
+        return None
+    if is_negligible(difference(bundle.poses, seen.poses), covariance, MAX_CORNER_MOVE_SD):
+        return None
+    return seen.with_bundle(bundle)
+
+
+def is_negligible(moves: Array, covariance: Array, limit: float) -> bool:
+    """Return whether moves (n, 6) of poses are below ``limit`` standard deviations of X, of covariance (6, 6)."""
+    of_poses = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (moves[:, :3], moves[:, 3:])]
+    of_X = [float(np.sqrt(np.trace(covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]
+    return all(move <= limit * sd for move, sd in zip(of_poses, of_X, strict=True))
 
 
 def intrinsics_words(result: Estimated) -> str | None:

@@ -15,7 +15,6 @@ from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, among, require_type
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
 from ..model.error_terms.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
@@ -34,7 +33,7 @@ from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.in_noise import shared_columns, with_shared
 from ..model.shared_errors.shared_error import SharedError, checked_errors
 from .arm import Arm, _arm_of, with_declared
-from .request import BUNDLE, Request, of_motions
+from .request import Request, of_motions
 
 # A robot whose positions differ by less than this pivots about one point (m).
 SAME_PLACE_M = 1e-9
@@ -82,26 +81,6 @@ class Job:
     def data(self) -> PosePairs | Motions:
         """Data of the likelihood: the poses where there are any, unless the noise is that of motions."""
         return self.motions if self.poses is None or of_motions(self.noise) else self.poses
-
-
-def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
-    """Raise `InputError` unless a bundle adjustment on corners is possible."""
-    poses = data.poses
-    if poses is None or poses is not data or poses.camera_calibration is None:
-        raise InputError(
-            "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
-            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses "
-            "without one. Use method 'efficient'."
-        )
-    if covariance != "model":
-        raise InputError(f"Method 'bundle' has only covariance='model', got {covariance!r}. Use method 'efficient'.")
-    if noise is not None and (of_motions(noise) or noise.sides["camera"] is not None):
-        raise InputError(
-            "Method 'bundle' takes the noise of the camera from the corners: give only PoseNoise(robot=...), or no "
-            "noise."
-        )
-    if noise is not None:
-        require_shared(noise.sides["robot"])
 
 
 def _open_noise(
@@ -155,8 +134,6 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
         data, rest = take_offset(data, tuple(shared))
         shared = rest or None  # a clock offset alone leaves the defaults
     noise, camera, robot = _open_noise(request.noise)
-    if method == BUNDLE:
-        _require_corners(data, noise if camera is None else PoseNoise(camera=camera), request.covariance)
     if prior is not None and (noise is not None or robot is not None):
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
     everything = None
@@ -284,7 +261,7 @@ def _shared_of(
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
     """Return the errors that were given and, where the noise is to be estimated, the defaults of other names."""
-    estimated = noise is None and poses is not None and method != BUNDLE and kind in (None, "poses")
+    estimated = noise is None and poses is not None and kind in (None, "poses")
     if shared is None and not estimated:
         return ()
     if estimated and shared != ():
@@ -298,6 +275,4 @@ def _shared_of(
         raise InputError(
             "Expected poses and PoseNoise beside `shared`: the effect of errors on motions without poses is not known."
         )
-    if method == BUNDLE:
-        raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
     return errors

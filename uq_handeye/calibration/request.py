@@ -22,7 +22,7 @@ from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import Noise, PairNoise, is_joint, require_count
+from ..model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..model.poses.camera_scale import UNKNOWN
 from ..model.poses.motions import relative_motions
 from ..model.poses.pose_numbers import Selection
@@ -34,8 +34,6 @@ from ..model.shared_errors.shared_error import WIDE_SCALE_SD, SharedError, liste
 COVARIANCES = ("model", *OF_RESIDUALS)
 # What neighbouring poses have in common: looked for where the noise is estimated, or not.
 CORRELATIONS = ("auto", "none")
-# The full bundle adjustment on the corners (`rig_bundle`).
-BUNDLE = "bundle"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +52,11 @@ class Request:
         exact; where its noise is not known, give that of the other side as
         ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
     method : str or None
-        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
-        themselves, for camera poses from corners (`rig_bundle`), in addition to `efficient`; a name in `METHODS` or,
+        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; a name in `METHODS` or,
         for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` require it, or
-        where the noise given leaves a part of the residuals exact, so that it has no inverse for weights.
+        where the noise given leaves a part of the residuals exact, so that it has no inverse for weights. Of poses
+        from corners ``efficient`` and ``ml`` linearise the corners again at the intrinsics and poses of the estimate,
+        where that makes a difference (`camera.adjustment.linearised`).
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
         poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals only.
@@ -69,7 +68,7 @@ class Request:
         ``model``: that of the noise, to first order (`monte_carlo` tests it, and samples it beyond first order); the
         others come from the residuals of the poses and need no noise model (`empirical_covariance`).
     robust : bool or None
-        Down-weight outliers and name them (`robust`), with ``efficient``, ``ml`` and ``bundle``. None does so from 5
+        Down-weight outliers and name them (`robust`), with ``efficient`` and ``ml``. None does so from 5
         poses (or motions) on. Without outliers the estimate is the same as with False: all poses count in full.
     prior : NoisePrior or None
         Prior of the noise to be estimated, for example from a data sheet.
@@ -88,7 +87,7 @@ class Request:
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model") contains it
-        (`shared_errors.assumed`). With `noise` given it is only tested; ``bundle`` takes the poses as independent.
+        (`shared_errors.assumed`). With `noise` given it is only tested.
     camera_scale : "unknown" or None
         ``unknown``: the camera poses have a scale of their own, as of visual SLAM or structure from motion. It is one
         more unknown with a flat prior: ``result.camera_scale``. A target scale declared with a standard deviation of
@@ -132,7 +131,7 @@ class Request:
 
     def __post_init__(self) -> None:
         if self.method is not None:
-            require_one_of("method", self.method, [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS])
+            require_one_of("method", self.method, [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS])
         method = self.taken_method
         if self.scale is not None and method != "4dpa":
             raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
@@ -170,9 +169,14 @@ class Request:
         return "efficient" if self.scale is None and self.kind in (None, "poses") else "4dpa"
 
     @property
+    def camera_of_data(self) -> bool:
+        """True if the noise of the camera is that of the data, and none is given."""
+        return self.noise is None or (isinstance(self.noise, PoseNoise) and self.noise.camera is None)
+
+    @property
     def by_likelihood(self) -> bool:
         """True if the method is at the Cramer-Rao bound, no published one."""
-        return self.taken_method in (*ESTIMATORS, BUNDLE)
+        return self.taken_method in ESTIMATORS
 
     @property
     def opens_scale(self) -> bool:

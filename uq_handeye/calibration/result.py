@@ -112,8 +112,6 @@ class Calibration(Statement):
         of the variance of X.
     shared_at_sizes : tuple of ErrorEstimate
         The source of `shared`: the same for the mean sizes of the errors, as the numbers of `kinematics` are.
-    agreement : Agreement or None
-        Of method "bundle": its distance from `efficient`, and the time of each.
     provenance : Provenance or None
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
@@ -396,11 +394,11 @@ class Calibration(Statement):
             index=pd.Index([one.name for one in numbers], name=self.frame),
         )
 
-    _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded split camera_scale corrected"
+    _if_any: ClassVar[str] = "about open kinematics posterior data excluded split camera_scale corrected"
     _in_file: ClassVar[str] = (
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
-        "time_offset camera_scale shared agreement open=opened kinematics posterior residuals headline usable answered "
+        "time_offset camera_scale shared open=opened kinematics posterior residuals headline usable answered "
         "accuracy checks data=_data_in_file excluded split findings warnings corrected"
     )
 

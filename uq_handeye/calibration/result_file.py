@@ -34,7 +34,7 @@ from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.by_poses import ColumnsByPoses
 from .estimate.analysis import StoredAnalysis
 from .estimate.parts import PARTS
-from .request import BUNDLE, COVARIANCES
+from .request import COVARIANCES
 from .statement.accuracy import Statement
 
 C = TypeVar("C", bound=Statement)
@@ -51,7 +51,7 @@ DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_i
 # Parts that are named otherwise in the file, and what some parts may be.
 _KEYS = {"fourdpa": "4dpa", "shared_at_sizes": "shared", "table": "poses", "opened": "open"}
 _KNOWN = {
-    "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),
+    "method": (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS),
     "covariance_kind": COVARIANCES,
     "kind": (None, "pairs", "poses", "literal"),
     "setup": (None, *SETUPS),

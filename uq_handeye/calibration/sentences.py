@@ -166,21 +166,6 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Values]) -> str
 
 
 @sentence(
-    "calibration.bundle_differs",
-    check=CAMERA,
-    phrase=lambda v: f"bundle adjustment differs by {digits(v['distance'], 2)} sd",
-    effect=lambda v: float(v["distance"]),
-)
-def _(distance: float, largest: float, variance_low: float, variance_high: float) -> str:
-    return (
-        f"Bundle adjustment and method 'efficient' differ by {digits(distance, 2)} standard deviations of X (at most "
-        f"{digits(largest, 2)} in one component); variances are {variance_low:.3f} to {variance_high:.3f} times as "
-        "large. They should agree to first order: the errors are too large for that, or outliers among poses or "
-        "corners bias one of them."
-    )
-
-
-@sentence(
     "calibration.unweighted",
     check=NOISE,
     phrase="a part of the data is exact: X by 4dpa, unweighted",

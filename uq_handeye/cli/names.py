@@ -13,8 +13,6 @@ PUBLISHED = (
     *("gwak", "heller", "condurache", "zhang", "zhao", "nguyen", "4dpa"),
 )
 ROBOT_WORLD = ("li", "shah")
-# Bundle adjustment on corners (request.BUNDLE), of `calibrate` only.
-BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
 COVARIANCE_NAMES = ("model", "sandwich", "bootstrap")

@@ -14,7 +14,7 @@ from .bag_files import RobotGiven, given_of_robot
 from .boards import KINDS as BOARDS
 from .boards import BoardOptions
 from .messages import given_options, timed, verbose, withheld
-from .names import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD
+from .names import AT_THE_BOUND, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD
 from .noise import Given, given_of, noise_of
 from .options import names_of_options
 from .pictures import LensOptions, Pictures, pictures_of
@@ -182,7 +182,7 @@ def problem_for(
     return {"data": poses, "noise": noise}
 
 
-METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
+METHODS = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 OF_DATA = COVARIANCE_NAMES[1:]
 
 
@@ -209,7 +209,7 @@ class Estimation:
     """Options of the estimate.
 
     Options (Estimation):
-      * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
+      * --method NAME <METHODS>: Estimator. One of {METHODS}. Default: efficient.
 
       --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
       --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of

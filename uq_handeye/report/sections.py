@@ -63,8 +63,6 @@ def full_section(result: Calibration) -> Section:
     """X and W with their standard deviations, and the directions in which X is least certain."""
     facts = result.facts
     blocks: list[Block] = [Paragraph(text) for text in facts.directions]
-    if result.agreement is not None:
-        blocks.append(Paragraph(result.agreement.sentence))
     head = ["", result.frame, *([result.frame_W] if facts.W else [])]
     poses = [facts.X, *([facts.W] if facts.W else [])]
     # What is exact ends in rounding errors.

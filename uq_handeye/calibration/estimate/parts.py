@@ -17,7 +17,6 @@ from ...core.geometry.se3 import Array
 from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ...fit.likelihood.reference import Reference
-from ...fit.likelihood.rig_bundle import Agreement
 from ...fit.one_model.points import OpenSizes
 from ...model.error_terms.estimate import ErrorEstimate
 from ...model.noise.estimate import NoiseEstimate
@@ -101,7 +100,6 @@ class Solution(Record):
     reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
     bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
     fourdpa: FourDPA | None = None  # result of 4DPA, for comparison with efficient and ml
-    agreement: Agreement | None = None  # of method "bundle" with `efficient`
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,25 +10,24 @@ import numpy as np
 from ...core.formatting.numbers import fixed, pose_rows
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.pose_numbers import pose_numbers
-from ...core.presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
+from ...core.presentation.document import Block, Cell, Code, Heading, Points, Table
 from ..estimate.estimated import deviations_of
 from ..result import Calibration
 from .noise import NO_TEST_OF_NOISE
 
 
 def beside_blocks(result: Calibration) -> list[Block]:
-    """Blocks on the result of 4DPA and its efficiency, and on the distance of a bundle adjustment from `efficient`."""
+    """Blocks on the result of 4DPA and its efficiency."""
     beside, efficiency = result.fourdpa, result.efficiency
-    blocks: list[Block] = [] if result.agreement is None else [Paragraph(result.agreement.sentence)]
     if beside is None or beside.covariance is None or efficiency is None or not np.isfinite(efficiency).all():
-        return blocks
+        return []
     numbers = [
         *pose_rows(*pose_numbers(beside.X, beside.covariance)),
         f"standard deviations    {efficiency.min():.2f} to {efficiency.max():.2f} times the Cramer-Rao bound, which "
         f"{result.method} attains",
     ]
     text = "\n".join(f"  {line}" for line in numbers)
-    return [*blocks, Heading("4DPA only, on the same data:"), Code("", text, "")]
+    return [Heading("4DPA only, on the same data:"), Code("", text, "")]
 
 
 def covariance_table(result: Calibration) -> Table | None:

@@ -53,7 +53,7 @@ CAUTION_OF_TEN_TESTS = UNUSUAL.probability / 10
 # Checks whose tests refute a result: what was assumed, given or declared, and X of two halves.
 REFUTING = (NOISE, HALVES, SHARED)
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior only.
-_WITH_RESIDUALS = ("efficient", "ml", "bundle")
+_WITH_RESIDUALS = ("efficient", "ml")
 
 Status = Literal["ok", "caution", "failed", "not run"]
 STATUSES: tuple[Status, ...] = get_args(Status)

@@ -20,7 +20,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...findings import Finding
@@ -40,7 +39,8 @@ MAX_MEAN_DIFFERENCE_RAD, MAX_UNDECIDED_SHARE = np.radians(2.0), 0.2
 HALF, MIRRORED, QUARTER = "half", "mirrored", "quarter"
 _HALF_TURNS = [np.diag([-1.0, -1, 1]), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1])]
 RECTANGLE = np.array([np.eye(3), *_HALF_TURNS])
-SQUARE = np.array([*RECTANGLE, *(RECTANGLE @ Rotation.from_euler("z", 0.5 * np.pi).as_matrix())])
+_QUARTER_TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+SQUARE = np.array([*RECTANGLE, *(RECTANGLE @ _QUARTER_TURN)])
 KINDS = ("", HALF, MIRRORED, MIRRORED, QUARTER, QUARTER, MIRRORED, MIRRORED)
 
 

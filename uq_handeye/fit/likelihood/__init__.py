@@ -1,1 +1,1 @@
-"""The Gauss-Helmert fit of X and W: its bound, robust weights, goodness of fit, and bundle adjustment."""
+"""The Gauss-Helmert fit of X and W: its bound, robust weights and goodness of fit."""

@@ -16,12 +16,12 @@ from ...findings import Finding, texts
 from ..noise.joint_covariance import JointCovariance
 from .adjustment.bundle import Bundle, response_ahead
 from .adjustment.criterion import Candidate
-from .board_pattern import BoardPattern
+from .board_pattern import BoardPattern, board_pattern_of
 from .corners import Corners, without_pictures
 from .given_intrinsics import GivenIntrinsics
 from .measured_board import MeasuredBoard
 from .rays import pixel_deviation
-from .residual_pattern import MIN_PATTERN_SHARE, Pattern
+from .residual_pattern import MIN_PATTERN_SHARE, Pattern, pattern_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +144,11 @@ class Calibrated:
         if not np.linalg.norm(flat - G @ T) <= 1e-3 * np.linalg.norm(flat):
             raise InputError("Expected the errors that the camera poses share to be those of the camera's calibration.")
         return np.asarray(T)
+
+    def with_bundle(self, bundle: Bundle) -> Self:
+        """Return the camera with other poses or residuals of the same pictures."""
+        of_picture, of_board = pattern_of(bundle, self.corners, self.image_size), board_pattern_of(bundle, self.corners)
+        return replace(self, bundle=bundle, pattern=of_picture, board_pattern=of_board)
 
     def select(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Select pictures by their numbers or a mask: the same camera, nothing is estimated again."""

@@ -75,7 +75,7 @@ def check(  # type: ignore[misc]
     Parameters
     ----------
     result : Calibration or RigCalibration
-        With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``. Of several cameras,
+        With the joint covariance of X and W: of poses, by ``efficient`` or ``ml``. Of several cameras,
         targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.rig.checks.check`).
     poses : PosePairs
         One or more new poses, of the same robot, camera and target. Three or more can separate a change from one

@@ -183,7 +183,6 @@ def _by_posterior(
         n_poses=n_old + poses.n,
         excluded=(),
         bound=None,
-        agreement=None,
         provenance=None if origin is None else replace(origin, request=None),
         **parts_alone,
     )
