@@ -213,7 +213,7 @@ def dull(rng: np.random.Generator, shape: tuple[int, int]) -> Picture:
     """Return a texture with few things to see, far apart."""
     cv2 = opencv()
     grey = np.full(shape, 150, np.float32)
-    for _ in range(max(shape[0] * shape[1] // 30_000, 2)):
+    for _ in range(max(shape[0] * shape[1] // 10_000, 2)):
         at, size = (int(rng.integers(shape[1])), int(rng.integers(shape[0]))), int(rng.uniform(4, 14))
         drawn = np.zeros(shape, np.uint8)
         cv2.ellipse(

@@ -54,7 +54,7 @@ def rendered(folder: Path, texels: int, offset: tuple[float, float]) -> tuple[Co
             cv2.imwrite(str(folder / "img" / f"img{k:02d}.png"), renderer.render()[..., ::-1])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
-        return uq.detect_board(folder / "img", cell.BOARD), np.array(apart)
+        return uq.detect_board(str(folder / "img"), cell.BOARD), np.array(apart)
 
 
 def corner_rms(corners: Corners, offset: tuple[float, float]) -> float:

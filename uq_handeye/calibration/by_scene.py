@@ -159,13 +159,15 @@ class _Run:
         share = seen.stationary_share()
         models = colmap.models(seen, lens, self.say)
         if not models or len(models[0].rows) < 3:
-            raise no_scene(seen)
-        if share > MANY_STATIONARY:
+            raise no_scene(seen, self.setup)
+        if (
+            share > MANY_STATIONARY and self.setup == "eye-in-hand"
+        ):  # what stands still before a fixed camera is no part
             self.findings.append(Finding("scene.stationary", "caution", {"share": share}))
         self.say("adjusting the scene")
         parts = [part for model in models if (part := self._adjusted(model)) is not None]
         if not parts:
-            raise no_scene(seen)
+            raise no_scene(seen, self.setup)
         main = parts[0]
         sd = lens_sd(main)
         by_pictures = lens_findings(main.scene.lens, sd)
@@ -173,7 +175,7 @@ class _Run:
         pull = None
         if self.robot is None:
             if main.n < MIN_PICTURES:
-                raise no_scene(seen)
+                raise no_scene(seen, self.setup)
             main = centred(main)
         else:
             self._require_order(main, seen)

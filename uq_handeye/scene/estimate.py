@@ -122,12 +122,18 @@ def measured_poses(placed: Placed) -> tuple[Array, JointCovariance]:
     return as_poses(reduce(placed.scene, placed.noise), placed.scene.poses)
 
 
-def no_scene(seen: Matched) -> InputError:
+def no_scene(seen: Matched, setup: str) -> InputError:
     """Return the error of pictures that make no scene."""
     share = seen.stationary_share()
-    if share > MANY_STATIONARY:
+    if share > MANY_STATIONARY and setup == "eye-in-hand":
         return InputError(str(Finding("scene.stationary", "failure", {"share": share})))
     most = max(seen.verified.values(), default=0)
+    if setup == "eye-to-hand":
+        return InputError(
+            f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures "
+            "move with the hand. Let the hand carry a rigid textured object that fills 10 % of the picture or more, "
+            "rotate it about two axes; or use a board."
+        )
     return InputError(
         f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures. Put "
         "textured objects (a newspaper, boxes) into view, light it, avoid blur; or use a board."
