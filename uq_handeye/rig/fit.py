@@ -50,6 +50,8 @@ MIN_POSE_WEIGHT = 1e-6
 
 Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
 Shared = bool | Collection[str]
+# Groups of rows that are whitened at once.
+GROUPS_TOGETHER = 1000
 
 
 class Task(NamedTuple):
@@ -81,8 +83,12 @@ class White:
     D_R: Array  # (b, d, 6q)
     D_C: Array  # (b, e, 6, 6)
     A: Array  # (b, d, p + m)
-    residual: Array  # (b, d) after the fit
-    white: Array  # (b, d, p + m + 1): L^-1 of A and of rho
+    residual: Array  # (b, d) rho, and after the fit what is left of it
+
+    @property
+    def white(self) -> Array:
+        """``L^-1`` of A and of the residual (b, d, p + m + 1)."""
+        return np.asarray(self.half @ np.concatenate([self.A, self.residual[..., None]], axis=-1))
 
     @property
     def pull(self) -> Array:
@@ -240,19 +246,19 @@ def whitened(
     S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
     S = noise_of_robots(D_R, S_R) + noise_of_cameras(D_C, S_C)
     L = checked_cholesky(S)
-    A = np.empty((b, 6 * e, graph.p + m + 1))
+    A = np.empty((b, 6 * e, graph.p + m))
     A[..., : graph.p] = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
     rho = sides.r[batch.edges]
     if m:
         K = (D_C @ noise.K_camera[batch.edges]).reshape(b, 6 * e, m)
-        A[..., graph.p : -1] = K + D_R @ noise.K_robot[batch.robots].reshape(b, 6 * q, m)
+        A[..., graph.p :] = K + D_R @ noise.K_robot[batch.robots].reshape(b, 6 * q, m)
     if v is not None:
         rho = rho + (D_C @ v[1][batch.edges][..., None])[..., 0]
-    A[..., -1] = rho.reshape(b, 6 * e)
+    rho = rho.reshape(b, 6 * e)
     if v is not None:
-        A[..., -1] += (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
+        rho = rho + (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
     half = np.asarray(np.linalg.inv(L), dtype=float)
-    return White(batch, L, half, D_R, D_C, A[..., :-1], A[..., -1], half @ A)
+    return White(batch, L, half, D_R, D_C, A, rho)
 
 
 def _after(part: White, step: Array) -> White:
@@ -263,8 +269,11 @@ def _normal_equations(graph: Graph, noise: RigNoise, rows: list[White]) -> tuple
     size = graph.p + noise.count
     gram = np.zeros((size + 1, size + 1))
     for part in rows:
-        flat = part.white.reshape(-1, size + 1)
-        gram += flat.T @ flat
+        for start in range(0, len(part.A), GROUPS_TOGETHER):  # whitened rows are large, and needed for their sums only
+            some = slice(start, start + GROUPS_TOGETHER)
+            flat = part.half[some] @ np.concatenate([part.A[some], part.residual[some, :, None]], axis=-1)
+            flat = flat.reshape(-1, size + 1)
+            gram += flat.T @ flat
     H, pull = gram[:-1, :-1], gram[:-1, -1]
     np.einsum("ii->i", H)[graph.p :] += 1.0
     return H, pull

@@ -88,13 +88,18 @@ class Found:
 
 
 def components_of(
-    rig: Rig, graph: Graph, shared: Shared, bound: tuple[Rig, Graph] | None = None, width: float = 1.0
+    rig: Rig,
+    graph: Graph,
+    shared: Shared,
+    bound: tuple[Rig, Graph] | None = None,
+    width: float = 1.0,
+    views: NDArray[np.intp] | None = None,
 ) -> tuple[ErrorTerm, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
     ``shared``: with the errors that all poses of an owner share (`SHARED`), or some of them; else only noise of each
     pose. ``bound``: the rig and the graph whose poses the shared errors belong to; None: this one. ``width`` of the
-    targets, in units of the usual one (`view`).
+    targets, in units of the usual one (`view`). ``views``: the only ones whose noise by the view is asked for.
     """
     both = ((rig, graph), (rig, graph) if bound is None else bound)
     before = both[1][1]
@@ -102,7 +107,7 @@ def components_of(
     cameras = _seen(rig.cameras, lambda name: [np.intp(_place(name, one.names)) == one.X for _, one in both])
     targets = _seen(rig.targets, lambda name: [np.intp(_place(name, one.names)) == one.W for _, one in both])
     _, given = given_covariances(rig, graph)
-    by_view, found = _by_view(before if both[1][0] is rig else graph, width), []  # those measured, if corrected
+    by_view, found = _by_view(before if both[1][0] is rig else graph, width, views), []  # those measured, if corrected
     for name, (of, _) in arms.items():
         for what, B in _PARTS:
             key = ErrorKey(Owner.ROBOT, what)
@@ -186,12 +191,18 @@ def _alone(graph: Graph, of: NDArray[np.bool_], side: str) -> PosePairs:
     return PosePairs(T, T)
 
 
-def _by_view(graph: Graph, width: float) -> Array:
-    """(E, 6, 6) square roots of the shape that the corners of each target give (`shared_errors.view`)."""
-    found = np.zeros((graph.E, 6, 6))
+def _by_view(graph: Graph, width: float, views: NDArray[np.intp] | None = None) -> Array:
+    """(E, 6, 6) square roots of the shape that the corners of each target give (`shared_errors.view`).
+
+    ``views``: those for which it is asked, 0 for others; None: all.
+    """
+    found, asked = np.zeros((graph.E, 6, 6)), np.ones(graph.E, dtype=bool)
+    if views is not None:
+        asked = np.isin(np.arange(graph.E), views)
     for target in np.unique(graph.W):
         of = target == graph.W
-        found[of] = view_block(graph.C[of], *_place_of(graph.C[of], graph.X[of], width))
+        some = of & asked
+        found[some] = view_block(graph.C[some], *_place_of(graph.C[of], graph.X[of], width))
     return found
 
 
@@ -220,10 +231,11 @@ def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
     the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.
     """
     rig, graph = task.rig, task.graph
-    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES // 3))
+    views = _spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES // 3)
+    used = graph.of_edges(views)
     place, theta, logs = _places(graph, used), None, []
     for width in WIDTHS:
-        parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width))
+        parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width, views=views))
         mode = find_mode(model_of(rig, used, parts, at, task.prior), theta, 0.3)
         theta = mode.theta
         logs.append(mode.log_evidence)

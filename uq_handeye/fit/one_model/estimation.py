@@ -9,7 +9,7 @@ uncertain sizes to the covariance of X and W.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -56,7 +56,7 @@ from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..likelihood.starts import ROUGH_STEP_SD
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, other_modes
+from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, followed, other_modes
 
 KINDS = (Kind.ROTATION, Kind.TRANSLATION)
 # Largest number of times that the model is linearised.
@@ -254,11 +254,17 @@ class JointModel:
     # ------------------------------------------------------------------------------------------- estimation
 
     def find(
-        self, at: Unknowns, weights: Array | None = None, start: Array | None = None, gain: float = GAIN
+        self,
+        at: Unknowns,
+        weights: Array | None = None,
+        start: Array | None = None,
+        gain: float = GAIN,
+        known: Sequence[Mode] | None = None,
     ) -> FoundSizes:
         """Find the sizes near the unknowns, of the poses of weight above 0.
 
         ``start`` (k,): logarithms of sizes near them; ``gain``: what a further step may still promise (`find_mode`).
+        ``known``: the further modes for almost the same rows, which are followed and not searched for again.
 
         Raises
         ------
@@ -283,7 +289,7 @@ class JointModel:
             found = self._converged(rows, at, None, gain, NEAR_SD)
         if gain > GAIN or found.exact.any():
             return found
-        others = other_modes(found.model, found.mode)
+        others = other_modes(found.model, found.mode) if known is None else followed(found.model, found.mode, known)
         best = max((found.mode, *others), key=lambda known: known.log_evidence)
         if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
             step = found.reduced.unreduced(found.model.of_poses(best.theta).mean)

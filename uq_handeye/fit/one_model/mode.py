@@ -155,6 +155,16 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
     return found
 
 
+def followed(model: LatentModel, mode: Mode, known: Sequence[Mode]) -> list[Mode]:
+    """Return the modes beside ``mode`` that searches from those of a model like this one end at."""
+    found: list[Mode] = []
+    for one in known:
+        other = find_mode(model, one.theta, known=(mode, *found))
+        if other.converged and all(_apart(other.theta, near) for near in (mode, *found)):
+            found.append(other)
+    return found
+
+
 def _of_residuals(model: LatentModel, number: int) -> float:
     """Return the size of a noise of each pose at which it is as large as the residuals, where it is the least part."""
     variance = np.einsum("nii->i", model.blocks[number])

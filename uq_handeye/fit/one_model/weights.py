@@ -19,7 +19,7 @@ result: rejecting poses makes the noise of the others smaller, and further ones 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -36,6 +36,7 @@ from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, Fit, fit
 from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly, is_weak_minority, judged_by
 from .estimation import ROUGH_GAIN, FoundSizes, JointModel
+from .mode import Mode
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
@@ -127,9 +128,11 @@ def settle(
     Rows are judged again by that noise: columns at measured poses hold their noise, and with much of it good rows stand
     out. Where other rows count then, the sizes are found again; but not from few rows against most of the others.
     """
+    modes: Sequence[Mode] | None = None
     for _ in range(MAX_JUDGEMENTS):
         kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
-        found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta)
+        found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta, known=modes)
+        modes = found.others
         noise = with_prior(found.integrated_noise, source.pose_prior)
         fitted = fitted_again(source.constraint, noise, fitted, method)
         if robust is None:

@@ -137,9 +137,11 @@ def _numbers(data: Mapping[str, Any], name: str) -> Array | None:
 
 
 def _moments(names: Iterable[Hashable]) -> list[float | str]:
-    found = [name for name in names if isinstance(name, int | float | str) and not isinstance(name, bool)]
-    if wrong := [name for name in names if name not in found]:
-        raise InputError(f"Expected names of robot poses to be numbers or text, got {wrong[0]!r:.40}.")
+    found: list[float | str] = []
+    for name in names:
+        if isinstance(name, bool) or not isinstance(name, int | float | str):
+            raise InputError(f"Expected names of robot poses to be numbers or text, got {name!r:.40}.")
+        found.append(name)
     return found
 
 
