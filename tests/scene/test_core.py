@@ -57,6 +57,7 @@ def dense(scene, s):
     return H[:size, :size] - gain @ H[size:, :size], g[:size] - gain @ g[size:]
 
 
+@pytest.mark.slow
 def test_reduced_normal_equations_by_finite_differences(small):
     S, g = dense(small, 0.3)
     found = reduce(small, 0.3)
@@ -75,6 +76,7 @@ def test_a_similarity_of_the_scene_changes_nothing(small):
     assert np.allclose(turned.residuals(), small.residuals(), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_poses_have_the_covariance_of_the_pictures_but_for_the_similarity(adjusted):
     _, scene, s = adjusted
     at = reduce(scene, s)

@@ -54,6 +54,7 @@ _ORIGIN = {
     "given": "declared",
     "from corners": "corners of the target",
     "from points": "points of the target",
+    "from the scene": "features of the scene",
     "by geometry": "residuals, views",
 }
 
@@ -251,7 +252,13 @@ def _of_noise(source: Source, result: Calibration) -> Input:
     if kind == Kind.SHARED:
         return Input("covariance", NORMAL, "camera calibration" if corners else "as given with the noise")
     shown = [sizes[KINDS.index(kind)]] if kind in KINDS else sizes
-    sources = (corners, "corners of the target"), (points, "points of the target"), (of_file, "file of the poses")
+    scene = getattr(data, "scene", None) is not None and of_camera
+    sources = (
+        (corners, "corners of the target"),
+        (scene, "features of the scene"),
+        (points, "points of the target"),
+        (of_file, "file of the poses"),
+    )
     return Input(_sizes(shown), NORMAL, next((name for known, name in sources if known), "declared"))
 
 

@@ -124,7 +124,8 @@ def noise_source(result: Calibration) -> str:
                       if getattr(result.data, attribute, None) is not None), "")  # fmt: skip
         return f"declared by the user{known}"
     if estimate.camera_known:
-        what = _OF_CAMERA["camera_calibration" if estimate.from_corners else "camera_covariance"]
+        known_by = "camera_calibration" if estimate.from_corners else "scene" if estimate.from_scene else None
+        what = _OF_CAMERA[known_by or "camera_covariance"]
         return f"robot: estimated from the residuals; camera: from the {what}"
     if result.kinematics is not None:
         return f"estimated from the residuals; errors of the arm: {_OF_ARM.get(result.kinematics.how, 'assumed')}"
@@ -133,7 +134,11 @@ def noise_source(result: Calibration) -> str:
     return "estimated from the residuals"
 
 
-_OF_CAMERA = {"camera_calibration": "corners of the target", "camera_covariance": "points of the target"}
+_OF_CAMERA = {
+    "camera_calibration": "corners of the target",
+    "scene": "features of the scene",
+    "camera_covariance": "points of the target",
+}
 _OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residuals", EXACT: "none, taken as exact"}
 
 

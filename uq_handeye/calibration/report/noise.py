@@ -35,6 +35,8 @@ def noise_blocks(result: Calibration) -> list[Block]:
             caption = "Noise of the robot, estimated; the noise of the camera is known from its corners:"
         if estimate.from_points:
             caption = "Noise of the robot, estimated; the noise of the camera is known from the points of the target:"
+        if estimate.from_scene:
+            caption = "Noise of the robot, estimated; the noise of the camera is known from the features of the scene:"
         if estimate.by_geometry:
             caption = "Noise, estimated from the residuals and the geometry of the views:"
         head = ["source", "1 sigma per axis", "95 % interval", "status"]

@@ -236,6 +236,9 @@ def not_included(result: Estimated) -> list[str]:
     camera = "camera model" if known else "camera intrinsics"
     if from_points(result):
         camera = "depth errors that points share"
+    scene = getattr(getattr(result, "data", None), "scene", None) is not None
+    if scene:
+        return ["camera model", "scale and kinematics of the robot"]
     target = "target shape" if TARGET_SCALE in keys or of_camera(result) else "target size"
     robot = "robot kinematics"
     if any(error.key.error == ROBOT_ACCURACY for error in result.shared):

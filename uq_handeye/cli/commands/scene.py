@@ -19,9 +19,9 @@ def scene_command(
 
     Examples:
       uq-handeye scene 'img/*.png' -o scene/
-      # Then estimate X from the robot poses and these poses; the robot tells the scale
+      # Then estimate X from the robot poses, which tell the scale
       uq-handeye calibrate robot.csv scene/ -o result/
-      # Both in one command: the robot also places pictures that share few matches
+      # Both in one command; the robot helps to place pictures
       uq-handeye calibrate robot.csv --images 'img/*.png' --scene -o result/
 
     Estimates the intrinsics and the pose of the camera at each picture, up to

@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...findings import Finding
 from ..error_terms.estimate import SHOWN, ErrorEstimate
 from ..error_terms.key import ErrorKey, Kind, Owner
-from ..error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT
+from ..error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, SCENE_EXCESS
 from .joint_covariance import JointCovariance
 from .models import Noise, PairNoise, PoseNoise, is_joint
 
@@ -148,7 +148,12 @@ class NoiseEstimate(Record):
     @property
     def camera_known(self) -> bool:
         """True if the camera poses came with their covariance."""
-        return self.from_corners or self.from_points
+        return self.from_corners or self.from_points or self.from_scene
+
+    @property
+    def from_scene(self) -> bool:
+        """True if the noise of the camera poses comes from a scene, and only the robot's was estimated."""
+        return any(component.status == "from the scene" for component in self.components)
 
     @property
     def by_geometry(self) -> bool:
@@ -165,7 +170,8 @@ class NoiseEstimate(Record):
             if component.status in ("fixed", "prior")
         ):  # assumed of an arm, with a camera whose noise is that of the residuals
             return False
-        if any(component.key in (CAMERA_EXCESS, PICTURE_SHIFT) and component.size > 0 for component in self.components):
+        beyond = (CAMERA_EXCESS, PICTURE_SHIFT, SCENE_EXCESS)
+        if any(component.key in beyond and component.size > 0 for component in self.components):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 
