@@ -294,3 +294,11 @@ def test_the_summary_of_joint_noise():
     assert flat.count("The noise is joint over the poses") == 1
     assert "sandwich, bootstrap not determined: " in flat
     assert "camera (rotation and translation) " in flat and "camera rotation " not in flat
+
+
+def test_a_folder_stands_for_the_result_in_it(tmp_path):
+    found = uq.calibrate(uq.simulate(8, noise=NOISE, seed=3), noise=NOISE)
+    found.to_json(tmp_path / "result.json")
+    assert uq.load(tmp_path).to_dict() == uq.load(tmp_path / "result.json").to_dict()
+    with pytest.raises(uq.InputError, match="it is a folder, expected a file"):
+        uq.load(tmp_path.parent)

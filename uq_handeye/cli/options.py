@@ -212,7 +212,7 @@ class Common:
     """Options and arguments that several commands take, by the names of their parameters.
 
     Arguments:
-      RESULT: Result file: result.json of calibrate -o.
+      RESULT: Result: result.json of calibrate -o, or its folder.
 
     Options (Robot joints):
       --joint-units UNIT <JOINT_UNITS>: Unit of the joint values: rad, deg, deg,mm with prismatic joints,

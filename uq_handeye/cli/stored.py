@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core.files.json_files import result_file
 from ..errors import InputError
 from .messages import given_options
 
@@ -90,6 +91,7 @@ def stored_rig(path: Path | None) -> "RigCalibration | None":
 
 
 def _format(path: Path | None) -> str:
+    path = None if path is None else result_file(path)
     if path is None or path.suffix.lower() != ".json" or not path.is_file():
         return ""
     with path.open("rb") as file:

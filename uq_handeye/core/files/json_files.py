@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
@@ -21,6 +22,8 @@ from .packed import packed
 COMPACT_PARTS = ("noise", "noise_estimate", "posterior", "analysis", "shared", "data", "corrected", "rig")
 # Name of the checksum in a result file, and the hash function that makes it.
 CHECKSUM, HASH = "checksum", "sha256"
+# Names of the result in the folder that ``calibrate -o`` writes: of one camera, of several.
+RESULT_NAMES = ("result.json", "rig.json")
 
 
 def json_text(data: Any, path: StrPath | None = None) -> str:
@@ -45,11 +48,19 @@ def _indented(data: Any, start: str) -> str:
     return json.dumps(data, allow_nan=False)
 
 
+def result_file(path: Path) -> Path:
+    """Return the file of a result: of a folder that ``calibrate -o`` wrote the one in it, else the path itself."""
+    return next((path / name for name in RESULT_NAMES if path.is_dir() and (path / name).is_file()), path)
+
+
 def parsed(path: StrPath) -> Any:
-    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
+    """Return what the JSON of a file, or of a folder with a result, holds.
+
+    Raises `InputError` where it is no JSON, or larger than a result can be.
+    """
     if str(path).lstrip()[:1] in ("{", "["):
         raise InputError("Expected the path of a JSON file, got JSON text: from_dict(json.loads(text)) takes it.")
-    with opened(as_path(path), MAX_TABLE_BYTES) as file:
+    with opened(result_file(as_path(path)), MAX_TABLE_BYTES) as file:
         text = file.read()
     try:
         return json.loads(text.decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
