@@ -37,11 +37,11 @@ from studies.one_model.chains import Array
 from studies.one_model.true_arms import left_errors
 from uq_handeye.calibration.by_likelihood import joint_model_of
 from uq_handeye.calibration.job import job_of
-from uq_handeye.calibration.request import Request
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.core.presentation.colours import BLUE, GRID, INK, ORANGE, PURPLE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.fit.one_model.estimation import JointModel
+from uq_handeye.fit.one_model.request import Request
 from uq_handeye.model.error_terms.keys import TARGET_SCALE
 from uq_handeye.model.error_terms.sizes import Size
 

@@ -9,8 +9,8 @@ from fixtures.rigs import NOISE, quietly
 import uq_handeye as uq
 from uq_handeye.calibration.closed_forms import closed_forms
 from uq_handeye.calibration.job import job_of
-from uq_handeye.calibration.request import Request
 from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.fit.one_model.request import Request
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ import typer
 from fixtures.commands import NOISE, run, write_session
 
 import uq_handeye as uq
-from uq_handeye.calibration.request import COVARIANCES
 from uq_handeye.cli import app as cli
 from uq_handeye.cli import names as cli_names
 from uq_handeye.cli.commands import export as cli_files
@@ -25,6 +24,7 @@ from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
+from uq_handeye.fit.one_model.request import COVARIANCES
 from uq_handeye.formats.controllers.forms import CONTROLLERS
 from uq_handeye.formats.export import FORMATS as EXPORTED
 from uq_handeye.methods.estimators import METHODS, ROBOT_WORLD_METHODS

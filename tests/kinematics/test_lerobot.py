@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
-from uq_handeye.calibration.arm import joints_by_poses
 from uq_handeye.errors import InputError
+from uq_handeye.model.kinematics.by_poses import joints_by_poses
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.joints_file import read_joints
 from uq_handeye.read import read_poses, write_pose_file
@@ -128,7 +128,7 @@ def test_five_axes_do_not_follow_from_poses():
     G = np.tile(np.eye(4), (len(POSES), 1, 1))
     G[:, :3] = POSES
     with pytest.raises(InputError, match=r"has 5 axes, .* Give its joints"):
-        joints_by_poses(ARM, uq.PosePairs(G, G, "eye-in-hand"))
+        joints_by_poses(ARM, G)
 
 
 def test_the_calibration_of_a_rig_is_in_the_folder_of_its_file(written, tmp_path):

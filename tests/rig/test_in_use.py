@@ -224,7 +224,7 @@ def test_the_public_functions_take_rigs():
         lambda: uq.plan(result, criterion="trace"),
         lambda: uq.calibrate(old, setup="eye-in-hand"),
         lambda: uq.calibrate(old, pairs="consecutive"),
-        lambda: uq.calibrate(old, covariance="sandwich"),
+        lambda: uq.calibrate(old, camera_scale="unknown"),
         lambda: uq.update(result, new, same="robot"),
     ):
         with pytest.raises(uq.InputError, match="is not an argument for the result of"):

@@ -237,7 +237,7 @@ def test_shared_errors_by_name():
     rig = with_noise(exact, noise_of(exact), 1)
     names = {part["name"] for part in calibrate_rig(rig, shared=("accuracy", "scale")).components}
     assert {"arm accuracy", "t scale"} <= names and not any("focal" in name or "principal" in name for name in names)
-    with pytest.raises(uq.InputError, match="Expected `shared` to be True, False or some of accuracy"):
+    with pytest.raises(uq.InputError, match="Expected `shared` to be True, False, SharedError or some of accuracy"):
         calibrate_rig(rig, shared=("focus",))
 
 

@@ -10,23 +10,18 @@ import numpy as np
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
-from ..findings import digits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.one_model.request import Request, of_motions
 from ..model.error_terms.key import Kind
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
-from ..model.kinematics.arms.newton import postures_at
+from ..model.kinematics.by_poses import joints_by_poses
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicColumns, KinematicErrors, effects_of_errors, poses_with_errors
 from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance
 from ..model.shared_errors.shared_error import SharedError
-from .request import Request, of_motions
 
-# Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
-MIN_REACHED_SHARE = 0.6
-# Axes that reach any pose nearby.
-N_AXES_OF_A_POSE = 6
 # Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
 MIN_BRANCH_DIFFERENCE = 0.1
 
@@ -88,7 +83,7 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
     if method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
     given = poses.joints if joints is None else joints
-    q = joints_by_poses(kinematics, poses) if given is None else as_numbers(given, "joints")
+    q = joints_by_poses(kinematics, poses.robot) if given is None else as_numbers(given, "joints")
     if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
         raise InputError(
             f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
@@ -99,33 +94,3 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
     return Arm(against.adapt(kinematics), q, errors, against, poses, by_poses=given is None)
-
-
-def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
-    """Return joint values (n, L) of the poses by inverse kinematics, in the branch that they share.
-
-    Raises `InputError` where the arm does not reach the poses.
-    """
-    from ..model.kinematics.arms.postures import postures_by_branch
-
-    found = postures_by_branch(kinematics, poses.robot)
-    if found.reached.mean() >= MIN_REACHED_SHARE:  # another branch for the others: their errors are much the same
-        for start in kinematics.spread(60):
-            left = ~found.reached
-            if not left.any():
-                break
-            again = postures_at(kinematics, poses.robot[left], np.tile(start, (int(left.sum()), 1)))
-            found.q[left], found.reached[left] = again.q, again.reached
-    if not found.reached.all():
-        off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
-        if (axes := kinematics.n_joints) < N_AXES_OF_A_POSE:
-            raise InputError(
-                f"The arm {kinematics.name} has {axes} axes, which reach rounded or measured poses only nearly "
-                f"({int((~found.reached).sum())} of {poses.n} are missed). Give its joints (--joints)."
-            )
-        raise InputError(
-            f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
-            f"up to {digits(1e3 * off.max(), 3)} mm away. Give the chain up to the frame whose poses these are "
-            "(--base, --tip), with the tool that the controller had; or joints (--joints)."
-        )
-    return found.q

@@ -43,6 +43,7 @@ from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import ROUGH_GAIN, FoundSizes, JointModel
 from ..fit.one_model.noise_report import noise_estimate_of
 from ..fit.one_model.points import OpenSizes, with_open_sizes
+from ..fit.one_model.request import of_motions
 from ..fit.one_model.weights import TAIL_SLACK, cost_of, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.error_terms.key import ErrorKey, Kind
@@ -82,7 +83,6 @@ from .findings import GIVEN, MAX_REJECTED_SHARE, said_open, wrong_poses
 from .job import Job
 from .moves import moves
 from .prediction.workspace import local_findings
-from .request import of_motions
 from .result import Calibration
 
 # The errors of an arm are linearised again where their second order moves its poses by more than this, in standard

@@ -22,11 +22,11 @@ from ..findings import Finding
 from ..fit.input_checks.agreement import agreement
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.reference import Reference
+from ..fit.one_model.request import Request
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import residuals, summarise
 from .by_published import bare_result
 from .job import Job, job_of
-from .request import Request
 from .result import Calibration
 
 # Translations below this (m) are none: no machine measures them.

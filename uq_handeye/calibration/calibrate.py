@@ -30,6 +30,7 @@ from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.scale_start import start_scale
 from ..fit.likelihood.screws import scale_by_screws
+from ..fit.one_model.request import Request, documented
 from ..model.camera.adjustment.linearised import with_pictures
 from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.error_terms.sizes import Size
@@ -37,7 +38,6 @@ from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
 from ..model.poses.pose_pairs import PosePairs, pairs_of
-from ..model.shared_errors.shared_error import SharedError
 from ..rig.description import Rig, require_left_out
 from ..rig.noise import NoiseByName
 from ..rig.single import is_single, single_of
@@ -61,7 +61,6 @@ from .findings import (
 )
 from .job import Job, job_of
 from .pair_findings import findings_of_pairs
-from .request import Request, documented
 from .result import Calibration
 from .split_fit import SplitFit, split_fit, split_of_poses
 
@@ -95,8 +94,8 @@ def calibrate(
     ----------
     data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, together with `camera`; or Rig
         Robot and camera poses are arrays, lists, or SciPy's RigidTransform. A Rig of one camera, one target and one arm
-        is the same data; of several (`RigCalibration`) noise, method, robust and seed may be given, and ``shared=[]``
-        leaves out the errors that poses share.
+        is the same data; of several (`RigCalibration`) noise is given by names, priors of poses are ``Rig(known=...)``,
+        an error of one camera is made by `SharedError.of`, a size of one called such as ``left:camera rotation``.
     camera : (n, 4, 4) or None
         Camera poses camera_T_target.
     setup : "eye-in-hand" (None) or "eye-to-hand"
@@ -144,8 +143,7 @@ def calibrate(
     if isinstance(data, Rig):
         require_left_out("of a rig", camera=camera, setup=setup)
         if not is_single(data):
-            require_left_out("of several cameras, targets or arms", exclude=exclude, only=only)
-            return _calibrate_rig(data, **asked)
+            return _calibrate_rig(data, exclude, only, **asked)
         data, options = single_of(data, asked.pop("noise", None))
         if twice := [name for name in options if asked.get(name) is not None]:
             raise InputError(f"Expected `{twice[0]}` once: the rig has it, too. Leave it out, or take it from the rig.")
@@ -169,33 +167,28 @@ calibrate.__doc__ = documented(calibrate.__doc__)
 
 
 def _calibrate_rig(
-    data: Rig,
-    noise: NoiseByName | None = None,
-    method: str = "efficient",
-    robust: bool | None = None,
-    seed: int = 0,
-    shared: Sequence[SharedError] | None = None,
-    **others: Any,
+    data: Rig, exclude: Any, only: Any, noise: NoiseByName | None = None, shared: Any = None, **asked: Any
 ) -> RigCalibration:
-    """See `calibrate`; ``others`` are arguments that a rig does not take, unless they say nothing."""
-    from ..rig.calibrate import calibrate_rig
+    """See `calibrate`; of a rig of several cameras, targets or arms."""
+    from ..rig.calibrate import OPTIONS, calibrate_rig
+    from ..rig.selection import selected
 
     defaults = {name: field.default for name, field in Request.__dataclass_fields__.items()}
-    left = {name: np.ndim(value) == 0 and value == defaults[name] for name, value in others.items() if np.size(value)}
+    others = {name: value for name, value in asked.items() if name not in OPTIONS and np.size(value)}
+    left = {name: np.ndim(value) == 0 and value == defaults[name] for name, value in others.items()}
     where = "of several cameras, targets or arms"
     require_left_out(where, **{name: others[name] for name, silent in left.items() if not silent})
-    if shared:
-        raise InputError(f"Expected no `shared` errors or none at all ([]) {where}, got {len(shared)}.")
-    options: dict[str, Any] = {"robust": robust is not False, "shared": shared is None, "seed": seed}
+    options = {name: value for name, value in asked.items() if name in OPTIONS} | {"shared": shared}
+    rig, excluded = selected(data, exclude, only)
     try:
-        result = calibrate_rig(data, noise, method=method, **options)
+        result = calibrate_rig(rig, noise, **options)
     except (InputError, NotConvergedError) as error:
-        error.findings = tuple(without_consequences(findings_of_pairs(data, None)))
+        error.findings = tuple(without_consequences(findings_of_pairs(rig, None)))
         warn(error.findings, 4)
         raise
-    found = without_consequences([*result.findings, *findings_of_pairs(data, result)])
+    found = without_consequences([*result.findings, *findings_of_pairs(rig, result), *excluded])
     moved = next((one for one in found if one.code == "rig.moved"), None)
-    split = None if moved is None else split_fit(data, noise, moved, method=method, **options)
+    split = None if moved is None else split_fit(rig, noise, moved, **options)
     if split is not None:
         found = [split.finding if one is moved else one for one in found]
         result = replace(result, split=split.poses)

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtr
 
 from ..core.numbers.levels import CONTRADICTED, DOUBTFUL, RARE
 from ..findings import GROSS_EXCESS, Finding, Severity
+from ..fit.diagnostics.prior_check import MIN_SHARE_FROM_DATA, prior_findings
 from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ..fit.likelihood.shared_estimates import group_test
@@ -25,8 +26,6 @@ from ..model.shared_errors.shared_error import WRONG_SIZE
 from .job import Job
 from .result import Calibration
 
-# An estimate is compared with its prior where the data take away at least this share of the prior variance.
-MIN_SHARE_FROM_DATA = 1e-3
 # The data do not resolve an error whose standard deviation stays above this share of the declared one.
 UNRESOLVED_SD = 0.95
 # An error is confounded with X where it makes a larger share of the variance along one direction.
@@ -139,29 +138,8 @@ def _square_of(job: Job) -> float | None:
 
 
 def against_prior(fit: Fit) -> list[Finding]:
-    """Return a finding if the prior of X and W contradicts the data.
-
-    The estimate minus the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
-    its square is chi-square with as many degrees of freedom.
-    """
+    """Return a finding if the prior of X and W contradicts the data."""
     if fit.prior is None:
         return []
-    chi2, dof = 0.0, 0
     information, pull, _ = fit.prior.normal_equations(fit.X, fit.W)
-    scale = np.sqrt(np.diag(information))
-    told = scale > 0
-    unit = information[np.ix_(told, told)] / np.outer(scale[told], scale[told])
-    values, vectors = np.linalg.eigh(unit)
-    half = scale[told, None] * vectors * np.sqrt(values)  # Lambda = half half^T
-    of_mean = (vectors.T @ (pull[told] / scale[told])) / np.sqrt(values)  # half^T xi
-    mu, V = np.linalg.eigh(np.eye(len(values)) - half.T @ fit.covariance[np.ix_(told, told)] @ half)
-    both = mu > MIN_SHARE_FROM_DATA
-    chi2, dof = float(((V.T @ of_mean)[both] ** 2 / mu[both]).sum()), int(both.sum())
-    if dof == 0:
-        return []
-    p_value = float(chdtrc(dof, chi2))
-    name = " and ".join(part[0] for part in fit.prior.parts())
-    values_of = {"of": name, "chi2": chi2, "dof": dof, "p_value": p_value}
-    if p_value < RARE.probability:
-        return [Finding("calibration.prior_contradicted", "caution", values_of)]
-    return [Finding("calibration.prior_agrees", "note", values_of)]
+    return prior_findings(information, pull, fit.covariance, " and ".join(part[0] for part in fit.prior.parts()))

@@ -27,6 +27,7 @@ from ..fit.input_checks.shifted_rows import exchanged_rows, find_shift, shifted_
 from ..fit.likelihood.constraint import Unknowns
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.robust import robust_fit
+from ..fit.one_model.request import Request, of_motions
 from ..methods.propagation.published_fit import fit_published
 from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.noise.models import Noise, PoseNoise
@@ -34,7 +35,6 @@ from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import rotation_angles
 from .job import Job, job_of
-from .request import Request, of_motions
 from .result import Calibration
 from .statement.checks import MAX_ROTATION_SD_RAD
 

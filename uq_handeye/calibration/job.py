@@ -15,6 +15,7 @@ from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, among, require_type
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.one_model.request import Request, of_motions
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
 from ..model.error_terms.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
@@ -33,7 +34,6 @@ from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.in_noise import shared_columns, with_shared
 from ..model.shared_errors.shared_error import SharedError, checked_errors
 from .arm import Arm, _arm_of, with_declared
-from .request import Request, of_motions
 
 # A robot whose positions differ by less than this pivots about one point (m).
 SAME_PLACE_M = 1e-9

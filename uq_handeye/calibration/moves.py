@@ -18,6 +18,7 @@ from ..errors import DegenerateMotionError, NotConvergedError, SingularNoiseErro
 from ..findings import Finding
 from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, steps_of
+from ..fit.one_model.request import Request
 from ..model.error_terms import keys
 from ..model.error_terms.estimate import ErrorEstimate
 from ..model.error_terms.key import ErrorKey
@@ -95,7 +96,7 @@ def _judged(
     prior = {start // 6: (mean, information) for _, start, mean, information in parts}
     assert of.W is not None
     found = fit(graph, noise, np.stack([of.X, of.W]), "efficient", weights, prior=prior)
-    task = Task(rig, graph, prior, "efficient", True, True, 0)
+    task = Task(rig, graph, prior, Request(), True)
     findings = judged_paths(task, found, MAX_REMAINING_SHARE if remaining is None else remaining)[1]
     return [one for one in findings if one.code in (MOVED, DRIFTS)]
 

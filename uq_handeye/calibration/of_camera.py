@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -40,6 +39,7 @@ from ..rig.description import WORLD, Rig
 from ..rig.graph import Graph
 from ..rig.noise import RigNoise
 from ..rig.poses import RigPoses, relative_pose
+from ..rig.selection import some_of
 from ..rig.single import single_of
 from ..rig.sizes import NUMBERS
 from .estimate.analysis import FittedKinematics
@@ -164,12 +164,8 @@ def _pair(result: RigPoses, arm: str, camera: str, target: str) -> Rig:
         if (view.camera, view.target) != (camera, target):
             continue
         kept = [row for row, moment in enumerate(at) if weights[row] > 0 and moment not in out]
-        each: dict[str, Any] = {
-            name: S if S is None or S.ndim < 3 else S[kept]
-            for name, S in (("covariance", view.covariance), ("intrinsics", view.intrinsics))
-        }
         if kept:
-            views.append(replace(view, poses=view.poses[kept], at=tuple(at[row] for row in kept), **each))
+            views.append(some_of(view, kept))
     if sum(len(view.poses) for view in views) < 3:
         raise InputError(f"Fewer than 3 views of {target} by {camera} agree with the rig.")
     return Rig({arm: rig.arms[arm]}, {camera: rig.cameras[camera]}, {target: rig.targets[target]}, tuple(views))

@@ -25,6 +25,7 @@ from ..fit.input_checks.misread_files import INVERSE
 from ..fit.input_checks.pose_ambiguity import flipped_rows
 from ..fit.input_checks.residuals import check_fit, misread
 from ..fit.likelihood.constraint import Unknowns
+from ..fit.one_model.request import Request
 from ..model.error_terms.key import ErrorKey, Kind
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.poses.residuals import pose_residuals
@@ -33,7 +34,6 @@ from ..rig.poses import RigPoses
 from ..rig.sizes import ALL_TARGETS
 from .findings import MAX_REJECTED_SHARE, SUSPICIOUS, look_at, misplaced_rows, reasons
 from .job import job_of
-from .request import Request
 
 # Views of a pair from which on its files can be checked.
 MIN_VIEWS_OF_PAIR = 3

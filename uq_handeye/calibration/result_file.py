@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.points import OpenSizes
+from ..fit.one_model.request import COVARIANCES
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..model.error_terms.key import ErrorKey
 from ..model.noise.models import noise_from_dict
@@ -34,7 +35,6 @@ from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.by_poses import ColumnsByPoses
 from .estimate.analysis import StoredAnalysis
 from .estimate.parts import PARTS
-from .request import COVARIANCES
 from .statement.accuracy import Statement
 
 C = TypeVar("C", bound=Statement)

@@ -1,13 +1,15 @@
 """Options of the noise of robot and camera poses, also as a prior by data sheets."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
 from .shared_errors import SharedOptions
-from .values import naming_option
+from .stored import of_rig
+from .values import by_names, naming_option
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading
@@ -29,7 +31,8 @@ class NoiseOptions:
       * --robot-noise ROT,TRANS: Robot noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.02deg,0.05mm,
         or exact. Default: estimated.
       * --camera-noise ROT,TRANS: Camera noise (1 sigma). Standard deviations of one pose per axis, e.g. 0.1deg,0.5mm,
-        or exact. Default: estimated.
+        or exact. Of several cameras by name, e.g. 'left:0.1deg,0.5mm;right:0.2deg,1mm', like all options of a camera.
+        Default: estimated.
       --noise FILE.toml: Noise file with full 6x6 covariances, in place of --robot-noise and --camera-noise. Its table
         [shared] holds shared errors.
       --covariance-convention NAME <CONVENTION_NAMES>: Convention of the covariances in the noise file and in files of
@@ -41,6 +44,12 @@ class NoiseOptions:
     camera_noise: str | None = None
     noise: Path | None = None
     covariance_convention: str | None = None
+
+    @property
+    def by_name(self) -> dict[str, str]:
+        """Texts that name arms or cameras, by their options."""
+        both = {"--robot-noise": self.robot_noise, "--camera-noise": self.camera_noise}
+        return {option: text for option, text in both.items() if text is not None and ":" in text}
 
     @property
     def reading(self) -> "CovarianceReading | None":
@@ -64,7 +73,7 @@ class NoiseOptions:
                 raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
             if noise is not None:
                 return noise, None
-        if self.robot_noise is None and self.camera_noise is None:
+        if (self.robot_noise is None and self.camera_noise is None) or self.by_name:  # by names: `noise_of_rig`
             return None, None
         robot, camera = (
             None if value in (None, EXACT) else _deviations(value, name)
@@ -90,6 +99,7 @@ class Given:
     shared: SharedOptions
     file: Path | None  # noise file, which may hold shared errors too
     reading: "CovarianceReading | None" = None  # of covariances that come with poses
+    options: NoiseOptions | None = None  # as given
 
     @property
     def is_stated(self) -> bool:
@@ -107,7 +117,27 @@ class Given:
 
 def given_of(options: NoiseOptions, shared: SharedOptions) -> Given:
     """Return noise and shared errors of the options."""
-    return Given(*options.read(), shared, options.noise, options.reading)
+    if options.by_name and not of_rig():
+        raise InputError(f"{next(iter(options.by_name))}: names belong to a rig (--camera NAME=FILE). Remove the name.")
+    return Given(*options.read(), shared, options.noise, options.reading, options)
+
+
+def noise_of_rig(given: Given, arms: Sequence[str], cameras: Sequence[str]) -> "dict[str, Any] | None":
+    """Return noise by the names of arms and cameras, None where it is given for none or all of them alike."""
+    options = given.options
+    if options is None or not options.by_name:
+        return None
+    found: dict[str, Any] = {}
+    for option, names, text in (
+        ("--robot-noise", arms, options.robot_noise),
+        ("--camera-noise", cameras, options.camera_noise),
+    ):
+        values = by_names(text, names, option)
+        for name in names:
+            if (value := values.get(name, values.get(""))) is None:
+                raise InputError(f"{option} of {name!r} is not given. Add {name}:ROTATION,TRANSLATION, or exact.")
+            found[name] = EXACT if value == EXACT else _deviations(value, option)
+    return found
 
 
 def without_poses(noise: "Noise | StatedNoise | None", command: str) -> "Noise | None":

@@ -8,34 +8,45 @@ from ..errors import InputError, NotConvergedError
 from .delivery import Wanted, deliver, deliver_answer, emit_refusal
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
-from .names import AT_THE_BOUND, PAIRINGS, SETUP_NAMES
-from .noise import without_poses
+from .names import AT_THE_BOUND, PAIRINGS, ROBOT_CLASSES, SETUP_NAMES
+from .noise import noise_of_rig, without_poses
 from .pose_files import OF_FILE, values_of_files
 from .printing import emit
 from .rig_files import OF_FILES, named_files
 from .stored import refuse
-from .values import coordinates, one_of
+from .values import by_names, coordinates, one_of
 
 if TYPE_CHECKING:
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
-    from .noise import Given
     from .pose_files import PoseFiles
+    from .pose_prior import PosePriors
     from .rig_files import Described
 
 
-# Options that a rig takes with a rig file, and with a file for each camera.
-_ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at", "--report",
-           "--json", "--output", "--about", "--full-report", "--paper", "--quiet", "--verbose", "--no-color",
-           "--log-file"}  # fmt: skip
+# Options that are not for several cameras, by the reason.
+NOT_FOR_RIGS = {
+    "published methods solve one A X = X B; compare RESULT --camera NAME has them": ("--pairs", "--scale", "--kind"),
+    "the poses of several cameras need one unit": ("--camera-scale",),
+    "a test of one camera: verify or cross-check RESULT --camera NAME": (
+        "--touches", "--tcp-sd", "--point-sd", "--tool", "--tool-sd", "--with-cross-check",
+    ),
+    "a rig file (rig.toml) names corners, bags and clock offsets of each camera": (
+        "--images", "--board", "--square", "--pattern", "--spacing", "--marker", "--diameter", "--dictionary",
+        "--first-id", "--camera-matrix", "--tag", "--pixel-noise", "--model", "--coefficients", "--intrinsics", "--roi",
+        "--board-shape", "--bag", "--still", "--offset", "--image-size", "--camera-convention",
+    ),
+    "it needs poses of one camera": ("--watch", "CAMERA"),
+}  # fmt: skip
 
 
 def calibrate_rig_files(
     described: "Described | None",
     data: "Data",
     asked: "Estimation",
+    beforehand: "PosePriors",
     wishes: "ReportOptions",
     wanted: Wanted,
     outputs: "Outputs",
@@ -47,22 +58,29 @@ def calibrate_rig_files(
     from ..calibration.calibrate import calibrate
     from ..rig.result import RigCalibration
 
-    given = data.given
-    _refuse_others(described is None)
+    given, files = data.given, data.files
+    _refuse_others()
     outputs.require_possible()
-    if given.shared.shared is not None and given.shared.shared not in ("defaults", "none"):
-        raise InputError(f"Expected --shared to be defaults or none, got {given.shared.shared!r}.")
+    options = asked.options()
+    if options["method"] not in (None, *AT_THE_BOUND):
+        raise InputError(f"--method {options['method']}: published methods solve one A X = X B. Use efficient or ml.")
     with withheld() as shown, timed("reading"):
-        rig, noise = described or _of_cameras(data.files, data.robot.cameras, given)
+        if described is None:
+            rig, noise = _of_cameras(data)
+        else:
+            rig, noise = described
+            rig = _with_class(rig, given.shared.robot_class)
+        rig = beforehand.of_rig(rig)
         try:
             with timed("calibrating"):
                 result = calibrate(
                     rig,
                     noise=noise,
-                    method=AT_THE_BOUND[0] if asked.method is None else one_of(asked.method, "--method", AT_THE_BOUND),
-                    robust=asked.robust,
-                    shared=[] if given.shared.shared == "none" else None,
-                    seed=asked.seed,
+                    shared=given.shared.errors_of_rig(rig, given.file),
+                    prior=given.prior,
+                    exclude=files.exclude,
+                    only=files.only,
+                    **{name: options[name] for name in ("method", "robust", "seed", "sizes", "covariance")},
                 )
         except (InputError, NotConvergedError) as error:
             return emit_refusal(error, outputs.as_json, shown)
@@ -71,26 +89,46 @@ def calibrate_rig_files(
     return deliver_rig(result, wishes, wanted, outputs)
 
 
-def _refuse_others(of_files: bool) -> None:
-    takes = _ALWAYS | (OF_FILES if of_files else set())
-    if wrong := [name for name in given_options() if name not in takes]:
-        what = "several cameras (--camera NAME=FILE)" if of_files else "a rig file"
-        raise InputError(f"{', '.join(wrong)}: not for {what}. Remove it.")
+def _refuse_others() -> None:
+    given = given_options()
+    for reason, names in NOT_FOR_RIGS.items():
+        if wrong := [name for name in given if name in names]:
+            raise InputError(f"{', '.join(wrong)}: not for several cameras: {reason}. Remove it.")
 
 
-def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") -> "tuple[Rig, Any]":
-    from ..rig.files.pose_rows import rig_of_files
+def _with_class(rig: "Rig", text: str | None) -> "Rig":
+    """Return a rig whose arms with kinematics are of the class of --robot-class."""
+    found = dict(rig.arms)
+    for name, value in by_names(text, list(rig.arms), "--robot-class").items():
+        for arm in [name] if name else rig.arms:
+            if found[arm].kinematics is not None:
+                errors = replace(found[arm].errors, robot_class=one_of(value, "--robot-class", ROBOT_CLASSES))
+                found[arm] = replace(found[arm], errors=errors)
+    return replace(rig, arms=found)
 
-    if files.robot is None:
-        raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
-    if given.prior is not None:
-        raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
+
+def _of_cameras(data: "Data") -> "tuple[Rig, Any]":
+    """Return the rig of a file for each camera, and its noise."""
+    from ..rig.files.pose_rows import read_rows, rig_of_files
+    from ..rig.files.sources import arm_poses, joint_rows
+
+    files, given, cameras, arm = data.files, data.given, data.robot.cameras, data.robot.arm
     setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
     tolerance, named = _tolerance(files), named_files(cameras)
     reading = _reading(files, list(named))
-    return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), without_poses(
-        given.noise, "calibrate of a rig"
-    )
+    robot = files.robot if arm is None or arm.options.robot_file is None else arm.options.robot_file
+    rows = None if robot is None else read_rows(robot, "robot", **reading["robot"])
+    chain = None if arm is None else arm.kinematics
+    if arm is not None and chain is not None and arm.chain.joints is not None:
+        rows = joint_rows(arm.chain.joints, chain, arm.chain.joint_units, rows)
+    if rows is None:
+        raise InputError("--camera NAME=FILE needs the file of robot poses, or --joints. Add it, e.g. robot.csv.")
+    rig = rig_of_files(rows, named, setup=setup, tolerance=tolerance, reading=reading)
+    if arm is not None:
+        (name,) = rig.arms
+        rig = replace(rig, arms={name: arm_poses(rows, chain, arm.options.errors())})
+    noise = noise_of_rig(given, list(rig.arms), list(rig.cameras))
+    return rig, without_poses(given.noise, "calibrate of a rig") if noise is None else noise
 
 
 def _tolerance(files: "PoseFiles") -> float:
@@ -210,7 +248,7 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     found = views_of_files(rows, arm, files, rig.cameras, rig.targets, tolerance, reading)
     if rows.joints is None:
         return found
-    return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].robot_class)})
+    return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].errors)})
 
 
 def predict_into(stored: "RigCalibration", asked: Any, robot: Path | None, as_json: bool, output: Path | None) -> None:

@@ -1,17 +1,19 @@
 """Options of the errors that all poses share: intrinsics, target size, accuracy of the robot, clock."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .names import ACCURACY_CLASSES
-from .values import naming_option, one_of
+from .values import by_names, naming_option, one_of
 
 if TYPE_CHECKING:
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
+    from ..rig.description import Rig
     from .views import Views
 
 # Values of --shared.
@@ -51,7 +53,7 @@ class SharedOptions:
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
         from ..model.shared_errors.assumed import assumed_accuracy, replace_defaults
-        from ..model.shared_errors.shared_error import SharedError, checked_errors
+        from ..model.shared_errors.shared_error import checked_errors
         from ..read import read_shared_errors
 
         focal_length_px = None if views is None else views.focal_length_px
@@ -60,18 +62,7 @@ class SharedOptions:
             focal_length_px = 0.5 * (found["fx"] + found["fy"])
         in_file = () if file is None else read_shared_errors(file, focal_length_px=focal_length_px)
         declared = {error.name: error for error in in_file}
-        for name, text, make in (
-            ("--focal-sd", self.focal_sd, SharedError.focal_length),
-            (
-                "--principal-point-sd",
-                self.principal_point_sd,
-                lambda sd: SharedError.principal_point(sd, focal_length_px=focal_length_px),
-            ),
-            ("--target-scale-sd", self.target_scale_sd, SharedError.target_scale),
-            ("--robot-scale-sd", self.robot_scale_sd, SharedError.robot_scale),
-            ("--robot-accuracy", self.robot_accuracy, SharedError.robot_accuracy),
-            ("--offset-sd", self.offset_sd, SharedError.clock_offset),
-        ):
+        for name, text, make, _ in self._made(focal_length_px):
             if text is not None:
                 with naming_option(name):
                     error = make(text)
@@ -90,3 +81,43 @@ class SharedOptions:
         if declared and noise is None:
             errors = replace_defaults(declared.values(), views is not None or poses.intrinsics_covered, not none)
         return list(checked_errors(errors, poses))
+
+    def _made(self, focal_length_px: float | None) -> "list[tuple[str, str | None, Callable[..., SharedError], str]]":
+        """Return option, text, how its error is made, and what has it."""
+        from ..model.shared_errors.shared_error import SharedError
+
+        def principal_point(sd: str) -> SharedError:
+            return SharedError.principal_point(sd, focal_length_px=focal_length_px)
+
+        return [
+            ("--focal-sd", self.focal_sd, SharedError.focal_length, "camera"),
+            ("--principal-point-sd", self.principal_point_sd, principal_point, "camera"),
+            ("--target-scale-sd", self.target_scale_sd, SharedError.target_scale, "target"),
+            ("--robot-scale-sd", self.robot_scale_sd, SharedError.robot_scale, "arm"),
+            ("--robot-accuracy", self.robot_accuracy, SharedError.robot_accuracy, "arm"),
+            ("--offset-sd", self.offset_sd, SharedError.clock_offset, "arm"),
+        ]
+
+    def errors_of_rig(self, rig: "Rig", file: Path | None) -> "list[SharedError] | None":
+        """Return the declared errors of a rig, by names of cameras, targets and arms, with the remaining defaults."""
+        from ..model.shared_errors.assumed import assumed_accuracy, replace_defaults
+        from ..read import read_shared_errors
+
+        names = {"camera": list(rig.cameras), "target": list(rig.targets), "arm": list(rig.arms)}
+        declared = {error.key: error for error in (() if file is None else read_shared_errors(file))}
+        for option, text, make, owner in self._made(None):
+            for name, value in by_names(text, names[owner], option).items():
+                with naming_option(option):
+                    error = make(value).of(name)
+                declared[error.key] = error
+        for name, value in by_names(self.robot_class, names["arm"], "--robot-class").items():
+            if self.robot_accuracy is not None:
+                raise InputError("--robot-class and --robot-accuracy both give the accuracy. Remove one of them.")
+            if all(rig.arms[arm].kinematics is not None for arm in ([name] if name else names["arm"])):
+                continue  # of the errors of its chain
+            accuracy = assumed_accuracy(one_of(value, "--robot-class", ACCURACY_CLASSES)).of(name)
+            declared[accuracy.key] = replace(accuracy, default=False)
+        none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
+        if not declared:
+            return [] if none else None
+        return replace_defaults(declared.values(), False, not none)

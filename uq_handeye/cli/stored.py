@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from ..core.files.json_files import result_file
 from ..errors import InputError
@@ -44,6 +44,7 @@ class OneOfRig:
 
     of_camera: str | None = None
     of_target: str | None = None
+    option: ClassVar[str] = "--camera"
 
     def read(self, path: Path) -> "Calibration":
         """Return the result of one camera, or one camera of that of a rig."""
@@ -57,20 +58,31 @@ class OneOfRig:
 
         if isinstance(found, Calibration):
             for option, name, own in (
-                ("--camera", self.of_camera, found.names.camera),
+                (self.option, self.of_camera, found.names.camera),
                 ("--target", self.of_target, found.names.target),
             ):
                 if name not in (None, own):
-                    raise InputError(f"{option} {name}: {path} has the {option[2:]} {own!r}. Correct the name.")
+                    raise InputError(f"{option} {name}: {path} has {own!r}. Correct the name.")
             return found
         from ..calibration.of_camera import of_camera
 
         camera, cameras = self.of_camera, list(found.rig.cameras)
         if camera is None and len(cameras) > 1:
-            raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: --camera {cameras[0]}.")
+            raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: {self.option} {cameras[0]}.")
         if camera not in (None, *cameras):
-            raise InputError(f"--camera {camera}: {path} has {', '.join(cameras)}. Correct the name.")
+            raise InputError(f"{self.option} {camera}: {path} has {', '.join(cameras)}. Correct the name.")
         return of_camera(found, camera or cameras[0], self.of_target)
+
+
+def of_rig() -> bool:
+    """Return whether the command is of several cameras: --camera NAME=FILE, or a rig file."""
+    return "--camera" in given_options()
+
+
+class PredictedOf(OneOfRig):
+    """The same where --camera asks for camera poses."""
+
+    option: ClassVar[str] = "--of"
 
 
 def is_result(path: Path | None) -> bool:

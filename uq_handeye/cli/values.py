@@ -96,3 +96,25 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
     from ..core.files.atomic import require_writable_file
 
     require_writable_file(path)
+
+
+def by_names(text: str | None, names: Sequence[str], option: str) -> dict[str, str]:
+    """Return the values of an option by the names of cameras, targets or arms.
+
+    ``VALUE`` is for all of them (the name ""), ``NAME:VALUE`` for one; several with semicolons between.
+
+    >>> by_names("left:0.1%;0.2%", ["left", "right"], "--focal-sd")
+    {'left': '0.1%', '': '0.2%'}
+    """
+    found: dict[str, str] = {}
+    for part in [] if text is None else text.split(";"):
+        name, colon, value = part.partition(":")
+        name, value = (name.strip(), value.strip()) if colon and name.strip() in names else ("", part.strip())
+        if colon and not name and part.partition(":")[0].strip().isidentifier():
+            raise InputError(
+                f"{option} {text}: names {part.partition(':')[0].strip()!r}, which is none of {', '.join(names)}."
+            )
+        if name in found or not value:
+            raise InputError(f"Expected {option} to be VALUE or NAME:VALUE, one for each name, got {text!r}.")
+        found[name] = value
+    return found

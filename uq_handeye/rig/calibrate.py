@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -15,15 +15,25 @@ from ..core.geometry.se3 import Array
 from ..core.numbers.levels import CONTRADICTED
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
+from ..findings import Finding
+from ..fit.diagnostics.prior_check import prior_findings
+from ..fit.empirical_covariance.sandwich import Influence
+from ..fit.likelihood.constraint import MIN_RESOLVED_SHARE
+from ..fit.likelihood.reference import Reference
+from ..fit.one_model.request import Request
+from ..model.error_terms.key import Kind
 from ..model.posterior.posterior import FreshNoise, Posterior
+from ..model.shared_errors.assumed import replace_defaults
+from ..model.shared_errors.shared_error import SharedError
 from .checks.check import check_rig, joined, like
 from .checks.optimality import Optimality, better_start, prove
 from .checks.paths import judged_paths, named_error
+from .declared import declared_of, request_from_dict, request_to_dict
 from .description import Rig
-from .fit import RigFit, Task, fit, onto_closed, rig_units
+from .fit import RigFit, Shared, Task, fit, onto_closed, prior_at, rig_units
 from .noise import NoiseByName, RigNoise, given_key, given_noise, plain_noise
 from .result import RigCalibration
-from .sizes import SHARED, Found, find_sizes, width_of_targets
+from .sizes import SHARED, Found, components_of, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
 from .weights import Distances, distances, fit_robustly
 
@@ -32,16 +42,16 @@ MAX_FLICKERING_SHARE = 0.01
 # Minima that are tried before the best of them is taken.
 MAX_MINIMA = 3
 METHODS = ("efficient", "ml")
+# Fields of `Request` that a rig has, in addition to noise and shared errors.
+OPTIONS = ("method", "robust", "seed", "covariance", "sizes", "prior", "correlation")
 
 
 def calibrate_rig(
     rig: Rig,
     noise: NoiseByName | None = None,
     *,
-    method: str = "efficient",
-    robust: bool = True,
-    shared: bool | Collection[str] = True,
-    seed: int = 0,
+    shared: bool | Collection[str] | Sequence[SharedError] | None = True,
+    **asked: Any,
 ) -> RigCalibration:
     """Estimate all poses of a rig with their joint covariance.
 
@@ -51,15 +61,13 @@ def calibrate_rig(
     noise : mapping, PoseNoise or None
         By the names of arms and cameras: (rotation, translation) standard deviations such as ``("0.5mrad", "0.3mm")``,
         covariances (6, 6), of arms also (n, 6, 6), or "exact". None: estimated from the views.
-    method : "efficient" or "ml"
-    robust : bool
-        Whether views and robot poses that contradict the others are down-weighted.
-    shared : bool, or names
+    shared : bool, names, or sequence of SharedError
         Where the noise is estimated, whether errors that poses share are included, or which: "accuracy" of each arm,
         "focal length", "principal point" and, with one camera, "lens distortion", "target outline" and "view" of each
-        camera, "scale" of each target. The others are taken as exact, such as the intrinsics of rendered pictures.
-    seed : int
-        Of the random starts with several arms.
+        camera, "scale" of each target. The others are taken as exact, such as the intrinsics of rendered pictures. Or
+        errors as they were declared, in place of the defaults of their names (`declared`).
+    **asked
+        Further fields of `Request` (`OPTIONS`).
 
     Raises
     ------
@@ -69,26 +77,59 @@ def calibrate_rig(
         The robot poses determine nothing.
     """
     require_type("rig", rig, Rig, "a Rig")
-    require_one_of("method", method, METHODS)
-    if shared is not True and shared is not False:
-        shared = tuple(np.atleast_1d(np.array(shared, dtype=object)).tolist())
-        if unknown := [name for name in shared if name not in SHARED]:
-            raise InputError(f"Expected `shared` to be True, False or some of {', '.join(SHARED)}, got {unknown[0]!r}.")
+    if unknown := sorted(set(asked) - set(OPTIONS)):
+        raise TypeError(f"calibrate_rig() got an unexpected keyword argument {unknown[0]!r}")
+    kinds, errors = _kinds_and_errors(shared)
+    request = Request(shared=errors, **asked)
+    require_one_of("method", request.taken_method, METHODS)
     require_tied(rig)
-    request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
+    plain = {"noise": plain_noise(rig, noise), "shared": kinds, **request_to_dict(request)}
     with one_thread():  # many small matrices
-        found = _calibrated(Task.of(rig, method, robust, shared, seed), noise)
-    return replace(found, provenance={"request": request, "versions": versions()})
+        found = _calibrated(Task.of(rig, request, kinds), noise)
+    return replace(found, provenance={"request": plain, "versions": versions()})
+
+
+def _kinds_and_errors(shared: Any) -> tuple[Shared, tuple[SharedError, ...] | None]:
+    """Return the kinds of the errors that are included, and the errors that were declared."""
+    if shared is None or isinstance(shared, bool):
+        return shared is not False, None
+    listed = tuple(np.atleast_1d(np.array(shared, dtype=object)).tolist())
+    if not listed:
+        return False, None
+    if all(isinstance(one, SharedError) for one in listed):
+        off = {error.key.kind for error in listed if error.default and error.is_exact}
+        declared = tuple(error for error in listed if not error.default)
+        return (tuple(kind for kind in SHARED if kind not in off) if off else True), declared or None
+    if unknown := [name for name in listed if name not in SHARED]:
+        raise InputError(
+            f"Expected `shared` to be True, False, SharedError or some of {', '.join(SHARED)}, got {unknown[0]!r}."
+        )
+    return tuple(map(Kind, listed)), None
 
 
 def _calibrated(task: Task, noise: NoiseByName | None) -> RigCalibration:
-    start, kept = start_of(task.graph, task.seed)
-    of_all = None if noise is None else given_noise(task.rig, task.graph, noise)
+    start, kept = start_of(task.graph, int(task.request.seed))
+    of_all = None if noise is None else _with_declared(task, given_noise(task.rig, task.graph, noise))
 
     def estimated(start: Array, kept: NDArray[np.bool_]) -> Estimated:
         return _with_sizes(task, start, kept) if of_all is None else Estimated(*_fitted(task, of_all, start, kept))
 
     return _assembled(task, *_at_global_minimum(task, estimated, start, kept))
+
+
+def _with_declared(task: Task, noise: RigNoise) -> RigNoise:
+    """Return noise that was given, with the columns of the errors that were declared beside it."""
+    if not task.request.shared:
+        return noise
+    keys, K = list(noise.keys), {"robot": [noise.K_robot], "camera": [noise.K_camera]}
+    for part in components_of(task.rig, task.graph, True, request=task.request):
+        if part.columns is not None and declared_of(task.request.shared, part.key) is not None:
+            for side, F in (("robot", noise.K_robot), ("camera", noise.K_camera)):
+                own = part.size.median * part.columns if side == part.side else np.zeros((len(F), 6, part.count))
+                K[side].append(own)
+            keys += part.keys
+    robot, camera = (np.concatenate(K[side], axis=-1) for side in ("robot", "camera"))
+    return RigNoise(noise.robot, noise.camera, robot, camera, tuple(keys))
 
 
 class Estimated(NamedTuple):
@@ -173,6 +214,12 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     found, far, spread, components, weights = one
     rig, graph, noise = task.rig, found.graph, found.noise
     paths, findings = judged_paths(task, found)
+    findings = (*findings, *_of_priors(task, found))
+    covariance, reference, kind = found.covariance, Reference(), task.request.covariance
+    if kind != "model":
+        covariance, reference = of_residuals(task, found, kind)
+    elif spread is not None:
+        covariance = covariance + spread[: graph.p, : graph.p]
     if spread is not None:
         found = replace(found, whole=found.whole + spread)
     arms, cameras = list(rig.arms), list(rig.cameras)
@@ -183,12 +230,61 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
         FreshNoise(given_key(side, name), side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S)
     )
     return RigCalibration(
-        rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
+        rig, graph.names, found.at, covariance, found.open, found.lever, found.chi_square, float(found.dof),
         task.method, found.edge_weights, far.edges, found.pose_weights, names,
         {name: _sizes(S) for _, name, S in own}, components=components,
-        size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality, findings=findings,
+        size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality,
+        reference=reference, findings=findings,
         posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
+
+
+def _of_priors(task: Task, found: RigFit) -> list[Finding]:
+    """Return a finding for each pose that is known beforehand: whether the data agree with it."""
+    findings = []
+    for name, known in (task.rig.known or {}).items():
+        k = found.graph.names.index(name)
+        information, pull, _ = known.normal_equations(found.at[k], None)
+        of = slice(6 * k, 6 * k + 6)
+        findings += prior_findings(information, pull, found.covariance[of, of], name)
+    return findings
+
+
+def of_residuals(task: Task, found: RigFit, kind: str) -> tuple[Array, Reference]:
+    """Return the covariance (p, p) of all poses from the residuals of the groups, and the distribution of its errors.
+
+    As with one camera (`fit.empirical_covariance.sandwich`), with groups of views that share robot poses in place of
+    poses; what the priors of known poses and of shared errors add is that of the model.
+    """
+    graph = found.graph
+    if len(found.open):
+        raise InputError(
+            f"The motions leave a part of the rig open, for which only covariance='model' is available, got {kind!r}."
+        )
+    size, p = max(part.residual.shape[1] for part in found.rows), graph.p
+    residual, J = [], []
+    for part in found.rows:
+        kept = found.view_weights[part.batch.edges].max(axis=1) > 0
+        pad = size - part.residual.shape[1]
+        residual.append(np.pad((part.half @ part.residual[..., None])[kept][..., 0], [(0, 0), (0, pad)]))
+        J.append(np.pad((part.half @ part.A)[kept], [(0, 0), (0, pad), (0, 0)]))
+    share, axes = np.linalg.eigh(found.whole[p:, p:])  # of the shared errors those of which the data tell something
+    axes = axes[:, share * (1.0 + MIN_RESOLVED_SHARE) < 1.0]
+    onto = np.zeros((len(found.whole), p + axes.shape[1]))
+    onto[:p, :p], onto[p:, p:] = np.eye(p), axes
+    known = np.eye(onto.shape[1])
+    known[:p, :p] = prior_at(graph, found.at, task.prior).information
+    rows, M = np.concatenate(J) @ onto, onto.T @ found.whole @ onto
+    influence = Influence(np.concatenate(residual), rows, (rows @ -M).mT, known)
+    S = influence.sandwich() if kind == "sandwich" else influence.bootstrap(seed=int(task.request.seed))
+    response = found.whole[:p, p:]
+    S = S[:p, :p] + M[:p, :p] @ known[:p, :p] @ M[:p, :p] + response @ response.T
+    freedom = []
+    for k in range(len(task.rig.cameras)):  # of each camera, as the first of the unknowns
+        order = np.roll(np.arange(rows.shape[-1]), -6 * k)
+        one = replace(influence, J=rows[..., order], B=influence.B[:, order], known=known[np.ix_(order, order)])
+        freedom.append(float(one.freedom))
+    return S, Reference("Hotelling", min(freedom))
 
 
 def _sizes(S: Array) -> tuple[float, float]:
@@ -243,8 +339,17 @@ def _calibrated_with(result: RigCalibration, new: Rig) -> RigCalibration:
     """Return the calibration of the old and the new views, with the options of the result."""
     if result.provenance is None:
         raise InputError("Expected a result that says how it was calibrated. Calibrate again.")
-    request = dict(result.provenance["request"])
-    noise = request.pop("noise")
+    plain = result.provenance["request"]
+    noise, request = plain["noise"], request_from_dict(plain)
     if noise is not None:
         noise = {name: np.array(of) if np.ndim(of) > 1 else of for name, of in noise.items()}
-    return calibrate_rig(joined(result.rig, new), noise, **request)
+    asked = {name: getattr(request, name) for name in OPTIONS}
+    shared = plain["shared"] if request.shared is None else _declared_again(plain["shared"], request.shared)
+    return calibrate_rig(joined(result.rig, new), noise, shared=shared, **asked)
+
+
+def _declared_again(kinds: Any, errors: Sequence[SharedError]) -> list[SharedError]:
+    """Return errors that were declared with those switched off that were left out."""
+    off = [] if kinds is True else [error for error in replace_defaults((), False, False)
+                                    if error.key.kind not in (kinds or ())]  # fmt: skip
+    return [*errors, *(error for error in off if error.key not in {one.key for one in errors})]

@@ -27,7 +27,7 @@ from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError, require_type
 from ..model.kinematics.against_controller import compare_with_controller
 from ..model.kinematics.arms.newton import postures_at
-from ..model.kinematics.arms.postures import postures_by_branch
+from ..model.kinematics.by_poses import joints_by_poses
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.pose_prior import PosePrior
@@ -53,8 +53,10 @@ class ArmPoses(ReadOnlyArrays):
         Chain of the arm, whose errors take the place of those of an unknown arm; see `by_kinematics`.
     joints : (n, L) or None
         Joint values, rad or m, with ``kinematics``.
-    robot_class : "industrial", "cobot", "hobby", "calibrated" or None
-        Population of the errors of ``kinematics``; None: industrial.
+    errors : KinematicErrors
+        What is known of the errors of ``kinematics`` beforehand.
+    by_poses : bool
+        Whether the joints follow from the poses by inverse kinematics.
     timed : bool
         Whether the names are times (s), also whole ones; fractions always are.
 
@@ -69,7 +71,8 @@ class ArmPoses(ReadOnlyArrays):
     source: str = ""
     kinematics: Kinematics | None = None
     joints: Array | None = None
-    robot_class: str | None = None
+    errors: KinematicErrors = field(default_factory=KinematicErrors)
+    by_poses: bool = False
     timed: bool = False
 
     def __post_init__(self) -> None:
@@ -78,7 +81,7 @@ class ArmPoses(ReadOnlyArrays):
         if poses.ndim != 3:
             raise InputError(f"Expected `poses` of an arm to have shape (n, 4, 4), got {poses.shape}.")
         chain = self.kinematics
-        if (self.joints is None) != (chain is None) or (self.robot_class is not None and chain is None):
+        if (self.joints is None) != (chain is None):
             raise InputError(f"Expected `joints` and `kinematics` of {of} together. See ArmPoses.by_kinematics.")
         if chain is not None:
             q = as_numbers(self.joints, f"joints of {of}")
@@ -97,7 +100,7 @@ class ArmPoses(ReadOnlyArrays):
         joints: ArrayLike | None = None,
         names: Sequence[Hashable] = (),
         source: str = "",
-        robot_class: str | None = None,
+        errors: KinematicErrors | None = None,
         timed: bool = False,
     ) -> ArmPoses:
         """Build the poses of an arm from its joints (n, L), or its joints from the poses by inverse kinematics.
@@ -106,28 +109,25 @@ class ArmPoses(ReadOnlyArrays):
         does not reach, or that its joints contradict.
         """
         of, chain = source or "the arm", kinematics
-        KinematicErrors(robot_class=robot_class)
+        errors = KinematicErrors() if errors is None else errors
         T = None if poses is None else as_transforms(poses, f"poses of {of}")
         if joints is None:
             if T is None:
                 raise InputError(f"Expected `poses` or `joints` of {of} beside `kinematics`, got neither.")
-            found = postures_by_branch(chain, T)
-            if not found.reached.all():
-                raise InputError(
-                    f"{of}: the arm {chain.name} does not reach {int((~found.reached).sum())} of {len(T)} poses. Give "
-                    "the chain up to the frame whose poses these are (base, tip), or joints."
-                )
-            return cls(T, tuple(names), source, chain, found.q, robot_class, timed)
+            try:
+                return cls(T, tuple(names), source, chain, joints_by_poses(chain, T), errors, True, timed)
+            except InputError as error:
+                raise InputError(f"{of}: {error}") from error
         q = as_numbers(joints, f"joints of {of}")
         if q.ndim != 2 or q.shape[1] != chain.n_joints or (T is not None and len(q) != len(T)):
             expected = f"({'n' if T is None else len(T)}, {chain.n_joints})"
             raise InputError(f"Expected `joints` of {of} to have shape {expected}, got {q.shape}.")
         if T is None:
-            return cls(chain.poses(q), tuple(names), source, chain, q, robot_class, timed)
+            return cls(chain.poses(q), tuple(names), source, chain, q, errors, timed=timed)
         against = compare_with_controller(chain, q, T)
         if not against.same_arm:
             raise InputError(f"{of}: {' '.join(map(str, against.findings))}")
-        return cls(T, tuple(names), source, against.adapt(chain), q, robot_class, timed)
+        return cls(T, tuple(names), source, against.adapt(chain), q, errors, timed=timed)
 
     def like(self, new: ArmPoses) -> ArmPoses:
         """Return new poses of this arm, with its kinematics; missing joints are computed from the nearest posture."""
@@ -143,7 +143,7 @@ class ArmPoses(ReadOnlyArrays):
                     f"{len(found.q)} poses. Give its joints."
                 )
             q = found.q
-        return ArmPoses(new.poses, new.names, new.source, chain, q, self.robot_class, new.timed)
+        return ArmPoses(new.poses, new.names, new.source, chain, q, self.errors, self.by_poses, new.timed)
 
     def joined(self, other: ArmPoses) -> ArmPoses:
         """Return these poses with those of another file; raises `InputError` where the two disagree."""
@@ -165,8 +165,8 @@ class ArmPoses(ReadOnlyArrays):
             joints = np.concatenate([self.joints, other.joints[new]])
         poses, names = np.concatenate([self.poses, other.poses[new]]), (*self.names, *(other.names[k] for k in new))
         chain = None if joints is None else self.kinematics
-        of_chain = None if chain is None else self.robot_class
-        return ArmPoses(poses, names, self.source, chain, joints, of_chain, self.timed and other.timed)
+        timed = self.timed and other.timed
+        return ArmPoses(poses, names, self.source, chain, joints, self.errors, self.by_poses, timed)
 
 
 @dataclass(frozen=True, eq=False)

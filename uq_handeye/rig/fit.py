@@ -32,6 +32,7 @@ from ..core.numbers.rounding import FIT_ROUNDING
 from ..errors import DegenerateMotionError, NotConvergedError
 from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
 from ..fit.likelihood.open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
+from ..fit.one_model.request import Request
 from ..model.noise.cholesky import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
@@ -55,22 +56,30 @@ GROUPS_TOGETHER = 1000
 
 
 class Task(NamedTuple):
-    """A rig to be estimated, with the options."""
+    """A rig to be estimated, with the options; ``shared``: see `sizes.components_of`."""
 
     rig: Rig
     graph: Graph
     prior: Prior
-    method: str
-    robust: bool
+    request: Request
     shared: Shared
-    seed: int
 
     @classmethod
-    def of(cls, rig: Rig, method: str, robust: bool, shared: Shared, seed: int) -> Task:
+    def of(cls, rig: Rig, request: Request, shared: Shared) -> Task:
         """Number the poses, views and unknowns of a rig."""
         graph = Graph.of(rig)
         known = {graph.names.index(name): (of.X, of.information_X) for name, of in (rig.known or {}).items()}
-        return cls(rig, graph, known, method, robust, shared, seed)
+        return cls(rig, graph, known, request, shared)
+
+    @property
+    def method(self) -> str:
+        """``efficient`` or ``ml``."""
+        return self.request.taken_method
+
+    @property
+    def robust(self) -> bool:
+        """True if views and robot poses that contradict the others are down-weighted."""
+        return self.request.robust is not False
 
 
 @dataclass(frozen=True, eq=False)

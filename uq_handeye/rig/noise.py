@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,11 +17,8 @@ from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError, require_type
 from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.keys import JOINT_NOISE
-from ..model.error_terms.sizes import SIZES, Size
 from ..model.error_terms.term import ErrorTerm
-from ..model.kinematics.errors import LENGTHS
-from ..model.kinematics.kinematic_errors import KinematicErrors
+from ..model.kinematics.arm_terms import terms_of_arm
 from ..model.noise.models import PoseNoise
 from .description import Rig
 from .graph import Graph
@@ -129,24 +126,21 @@ def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
 
 
 def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[ErrorTerm]:
-    """Errors of the chain of an arm by group, as of one camera (`JointModel`), and the noise of its joints."""
+    """Errors of the chain of an arm by group, as of one camera (`terms_of_arm`), and the noise of its joints."""
     arm, of = rig.arms[name], graph.arm == list(rig.arms).index(name)
     assert arm.kinematics is not None and arm.joints is not None
-    errors = KinematicErrors(robot_class=arm.robot_class)
-    columns = errors.columns(arm.kinematics, arm.joints[graph.pose[of]])
-    found = []
-    for group, sd in errors.standard_deviations.items():
-        numbers = np.flatnonzero(columns.of(group)).tolist()
-        if not numbers or not sd:
-            continue
-        F = np.zeros((graph.P, 6, len(numbers)))
-        F[of] = columns.F[..., numbers]
-        size = Size(sd, errors.population.factor, "m" if group == LENGTHS else "rad")
-        keys = tuple(columns.keys[k].of(name) for k in numbers)
-        found.append(ErrorTerm(ErrorKey(Owner.ROBOT, group, name=name), "robot", size, columns=F, keys=keys))
-    J = np.zeros((graph.P, 6, columns.J.shape[-1]))
-    J[of] = columns.J
-    return [*found, ErrorTerm(JOINT_NOISE.of(name), "robot", SIZES[JOINT_NOISE], block=J)]
+    columns = arm.errors.columns(arm.kinematics, arm.joints[graph.pose[of]], None, arm.by_poses)
+    return [_of_arm(part, of, name) for part in terms_of_arm(columns)]
+
+
+def _of_arm(part: ErrorTerm, of: NDArray[np.bool_], name: str) -> ErrorTerm:
+    """Return a component of the poses of one arm as one of all robot poses (P,), 0 for the others."""
+    values: dict[str, Any] = {}
+    for what in ("columns", "block"):
+        if (own := getattr(part, what)) is not None:
+            values[what] = np.zeros((len(of), *own.shape[1:]))
+            values[what][of] = own
+    return replace(part, key=part.key.of(name), keys=tuple(key.of(name) for key in part.keys), **values)
 
 
 def given_key(side: str, name: str) -> ErrorKey:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import Names, PosePairs
@@ -52,7 +51,7 @@ def single_of(rig: Rig, noise: NoiseByName | None = None) -> Single:
         "eye-to-hand" if rig.cameras[camera] == WORLD else "eye-in-hand",
         times,
         camera_covariance=_covariance_of_views(rig),
-        joints=None if arm.joints is None else arm.joints[rows],
+        joints=None if arm.joints is None or arm.by_poses else arm.joints[rows],
         names=Names(name, camera, target),
     )
     options: dict[str, Any] = {}
@@ -63,7 +62,7 @@ def single_of(rig: Rig, noise: NoiseByName | None = None) -> Single:
         of_camera = None if known else covariance_of(given, camera, None)
         options["noise"] = PoseNoise(S[rows] if S.ndim == 3 else S, of_camera)
     if arm.kinematics is not None:
-        options |= {"kinematics": arm.kinematics, "kinematic_errors": KinematicErrors(robot_class=arm.robot_class)}
+        options |= {"kinematics": arm.kinematics, "kinematic_errors": arm.errors}
     for side, of in (("prior_X", camera), ("prior_W", target)):
         if (prior := (rig.known or {}).get(of)) is not None:
             options[side] = prior

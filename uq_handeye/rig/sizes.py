@@ -27,8 +27,9 @@ from ..errors import NotConvergedError
 from ..fit.one_model.engine import LatentModel, Rows
 from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
+from ..fit.one_model.request import Request
 from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_POINT, TARGET_SCALE
+from ..model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
 from ..model.error_terms.sizes import SIZES, Size
 from ..model.error_terms.term import ErrorTerm
 from ..model.poses.pose_pairs import PosePairs
@@ -42,7 +43,8 @@ from ..model.shared_errors.view import (
     target_centre,
     view_block,
 )
-from .description import Rig
+from .declared import Errors, declared_of, further_errors, with_declared
+from .description import ArmPoses, Rig
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
 from .noise import RigNoise, given_covariances, intrinsics_of, kinematic_components
@@ -94,13 +96,16 @@ def components_of(
     bound: tuple[Rig, Graph] | None = None,
     width: float = 1.0,
     views: NDArray[np.intp] | None = None,
+    request: Request | None = None,
 ) -> tuple[ErrorTerm, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
     ``shared``: with the errors that all poses of an owner share (`SHARED`), or some of them; else only noise of each
     pose. ``bound``: the rig and the graph whose poses the shared errors belong to; None: this one. ``width`` of the
     targets, in units of the usual one (`view`). ``views``: the only ones whose noise by the view is asked for.
+    ``request``: what was declared of the errors.
     """
+    request = Request() if request is None else request
     both = ((rig, graph), (rig, graph) if bound is None else bound)
     before = both[1][1]
     arms = _seen(rig.arms, lambda name: [one.arm == np.intp(_place(name, list(of.arms))) for of, one in both])
@@ -123,10 +128,29 @@ def components_of(
     ]
     chains = [part for name in arms if rig.arms[name].kinematics is not None
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
-    if not shared:
-        return (*found, *chains)
     noise, found = found, []
     finished = {name: of for name, of in cameras.items() if name not in calibrated}
+    if shared:
+        found = _assumed(both[1][0], graph, before, (arms, finished, targets), width, request.shared or ())
+    asked = SHARED if shared is True else shared or ()
+    found = [part for part in found if part.key.kind in asked]
+    owners = {"robot": arms, "camera": finished, "target": targets}
+    for error in further_errors(request, found):
+        for name, seen in owners[error.key.owner].items():
+            if error.key.name in ("", name):
+                found.append(_shared(graph, before, name, seen, error, rig.arms.get(name)))
+    return with_declared((*noise, *found, *chains), request)
+
+
+def _assumed(
+    rig: Rig, graph: Graph, before: Graph, owners: tuple[dict[str, Owned], ...], width: float, declared: Errors
+) -> list[ErrorTerm]:
+    """Errors that all poses of an arm, a camera or a target share, by default; see `components_of`.
+
+    ``owners``: rows of the arms, of the cameras with finished poses, and of the targets.
+    """
+    found: list[ErrorTerm] = []
+    arms, finished, targets = owners
     alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, before, width)
     for name, (of, _) in finished.items():
         for error, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
@@ -139,18 +163,20 @@ def components_of(
             )  # fmt: skip
     scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
     scales = {TARGET_SCALE.of(name): _of(seen, scale) for name, (seen, _) in targets.items()}
-    if len(both[1][0].targets) > 1:
+    if len(rig.targets) > 1:
         scales[ErrorKey(ALL_TARGETS, Kind.SCALE)] = scale
     found += [ErrorTerm(key, "camera", SIZES[TARGET_SCALE], columns=K) for key, K in scales.items()]
-    found += [_shared(graph, before, name, seen, assumed_accuracy()) for name, seen in arms.items()
-              if rig.arms[name].kinematics is None]  # fmt: skip
+    for name, seen in arms.items():
+        if rig.arms[name].kinematics is None:
+            accuracy = declared_of(declared, ROBOT_ACCURACY.of(name))
+            accuracy = assumed_accuracy() if accuracy is None or accuracy.is_exact else accuracy
+            found.append(_shared(graph, before, name, seen, accuracy))
     for name, both_of in finished.items() if alone else ():
         lens = _of(both_of[0], by_intrinsics[..., 3:] * LENS_SHARES)
         keys = tuple(key.of(name) for key in NUMBERS[LENS])
         found.append(ErrorTerm(LENS.of(name), "camera", SIZES[LENS], columns=lens, keys=keys))
         found += [_shared(graph, before, name, both_of, error) for error in (assumed_outline(), assumed_view())]
-    asked = SHARED if shared is True else shared
-    return (*noise, *(part for part in found if part.key.kind in asked), *chains)
+    return found
 
 
 Owned = list[NDArray[np.bool_]]  # rows of an owner in the graph, and in the one that is bound
@@ -171,18 +197,23 @@ def _of(of: NDArray[np.bool_], B: Array) -> Array:
     return np.asarray(of[:, None, None] * B)
 
 
-def _shared(graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError) -> ErrorTerm:
-    """Component of an error that all poses of an owner share."""
+def _shared(
+    graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError, arm: ArmPoses | None = None
+) -> ErrorTerm:
+    """Component of an error that all poses of an owner share; ``arm``: whose poses have times."""
     error = error.bound(_alone(bound, of[1], error.side))
     unit, poses = float(error.sd[0]), _alone(graph, of[0], error.side)
+    if arm is not None and {*map(type, arm.names)} == {float}:
+        poses = replace(poses, timestamps=np.array(arm.names, dtype=float)[graph.pose[of[0]]])
     columns, block = np.zeros((len(of[0]), 6, len(error.sd))), None
     columns[of[0]] = error.at(poses) * (error.sd / unit)
     if error.left is not None and len(error.left) == poses.n:
         values, vectors = np.linalg.eigh(error.left)
         block = np.zeros((len(of[0]), 6, 6))
         block[of[0]] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    size = Size(unit, error.factor, SIZES[error.key].unit)
-    return ErrorTerm(error.key.of(owner), error.side, size, columns, block)
+    size = Size(unit, error.factor, error.unit if error.key.of("") not in SIZES else SIZES[error.key.of("")].unit)
+    keys = tuple(key.of(owner) for key in error.keys)
+    return ErrorTerm(error.key.of(owner), error.side, size, columns, block, keys)
 
 
 def _alone(graph: Graph, of: NDArray[np.bool_], side: str) -> PosePairs:
@@ -261,7 +292,7 @@ def find_sizes(
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
     rig, graph = task.rig, task.graph
-    parts = components_of(rig, graph, task.shared, width=width)
+    parts = components_of(rig, graph, task.shared, width=width, request=task.request)
     used = graph.of_edges(
         _spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES if whole else MAX_VIEWS_FOR_SIZES // 2)
     )

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from .checks.paths import moments_in_order
 from .description import Rig, View, later_name
+from .selection import some_of
 
 
 def split_rig(rig: Rig, name: str, since: Hashable, label: str | None = None) -> Rig:
@@ -41,13 +42,8 @@ def split_rig(rig: Rig, name: str, since: Hashable, label: str | None = None) ->
 
 def _some(view: View, rows: list[int], name: str, again: str) -> View:
     """Return some rows of a view, of a camera or target with another name."""
-    S, F, at = view.covariance, view.intrinsics, view.at or ()
     return replace(
-        view,
+        some_of(view, rows),
         camera=again if view.camera == name else view.camera,
         target=again if view.target == name else view.target,
-        poses=view.poses[rows],
-        at=tuple(at[k] for k in rows),
-        covariance=S if S is None or S.ndim == 2 else S[rows],
-        intrinsics=None if F is None else F[rows],
     )

@@ -16,7 +16,7 @@ from ..delivery import (
 )
 from ..messages import fail, progress_wanted, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
-from ..pose_prior import pose_prior_of
+from ..pose_prior import PosePriors
 from ..rig_files import is_rig_file, named_camera, poses_of_rig_file, read_rig_file, several_cameras
 from ..rigs import calibrate_rig_files
 from ..watching import Watch, question_of, watched
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def calibrate_command(
     data: Data,
     estimation: Estimation,
-    beforehand: Annotated["dict[str, Any]", pose_prior_of],
+    beforehand: PosePriors,
     wishes: Annotated["ReportOptions", report_options_of],
     wanted: Annotated["Wanted", wanted_of],
     outputs: AllOutputs,
@@ -62,16 +62,16 @@ def calibrate_command(
     if is_rig_file(data.files.robot):
         described = read_rig_file(data.files)
     if several_cameras(described, robot.cameras):
-        return calibrate_rig_files(described, data, estimation, wishes, wanted, outputs)
+        return calibrate_rig_files(described, data, estimation, beforehand, wishes, wanted, outputs)
     outputs.require_possible()
     files, name = named_camera(data.files, robot.cameras)
     data = replace(data, files=files)
     if data.watch is not None:
-        return _watch(data, estimation.options() | beforehand, wishes, wanted, outputs)
+        return _watch(data, estimation.options() | beforehand.options(), wishes, wanted, outputs)
     pictures, arm, sensors = data.pictures, robot.arm, None
     if robot.bag is not None:
         sensors, pictures, arm = robot.bag.sensors_with(files, pictures, arm)
-    options = estimation.options() | beforehand | {"prior": given.prior}
+    options = estimation.options() | beforehand.options() | {"prior": given.prior}
     from ...calibration.calibrate import calibrate
 
     with withheld() as shown:

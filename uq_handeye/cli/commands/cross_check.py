@@ -47,7 +47,6 @@ def cross_check_command(
       # With known noise
       uq-handeye cross-check robot.csv camera.csv \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
-      # A stored result, or one camera of a rig
       uq-handeye cross-check result/rig.json --camera left
 
     Computes every covariance of X of the same problem and tests the relations

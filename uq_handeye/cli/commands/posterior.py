@@ -54,7 +54,6 @@ def posterior_command(
       # With known noise and a heavy-tailed likelihood
       uq-handeye posterior robot.csv camera.csv --student-t 5 \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
-      uq-handeye posterior result/rig.json --camera left
 
     The prior is flat, except for --prior-x, --prior-w and --known.
 

@@ -30,9 +30,8 @@ from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.constraint import OnMotions, OnPoses, Unknowns
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
+from ..one_model.request import OF_RESIDUALS as KINDS
 from .sandwich import JOINT, Influence, influence_of, of_known, pooled_influence
-
-KINDS = ("sandwich", "bootstrap")
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,7 @@ JOINT = (
 class Influence:
     """Influence of each pose (or motion) on the estimate, to first order, in units of the working covariance."""
 
-    residual: Array  # (..., n, 6), e
+    residual: Array  # (..., n, 6), e; of a rig 6 rows for each view of a group, 0 where it has fewer
     J: Array  # (..., n, 6, p)
     B: Array  # (..., n, p, 6)
     known: Array | None = None  # (p, p) Lambda, information on the unknowns that is not of the poses
@@ -110,7 +110,7 @@ class Influence:
     def _variance(self) -> Array:
         """V (..., n, 6, 6)."""
         V = self.J @ self.B + (self.B.mT + times(self.J, self.covariance)) @ self.J.mT
-        V += np.eye(6)
+        V += np.eye(self.residual.shape[-1])
         return np.asarray(V)
 
     @cached_property
@@ -222,9 +222,9 @@ class Influence:
 
 
 def times(rows: Array, M: Array) -> Array:
-    """``rows M`` for rows (..., n, 6, p) and M (..., p, p) of each data set, as one product of tall matrices."""
-    n = rows.shape[-3]
-    return np.asarray((rows.reshape(*rows.shape[:-3], 6 * n, rows.shape[-1]) @ M).reshape(rows.shape))
+    """``rows M`` for rows (..., n, d, p) and M (..., p, p) of each data set, as one product of tall matrices."""
+    n, d = rows.shape[-3:-1]
+    return np.asarray((rows.reshape(*rows.shape[:-3], d * n, rows.shape[-1]) @ M).reshape(rows.shape))
 
 
 def _second_moment(T: Array) -> Array:

@@ -30,7 +30,6 @@ from ...model.error_terms.keys import (
     CAMERA_EXCESS,
     DEPTH,
     INTRINSICS,
-    JOINT_NOISE,
     PICTURE_SHIFT,
     PIXELS,
     ROBOT_SHARED,
@@ -39,8 +38,8 @@ from ...model.error_terms.keys import (
 )
 from ...model.error_terms.sizes import BY_NAME, SIZES, Size
 from ...model.error_terms.term import ErrorTerm
-from ...model.kinematics.errors import LENGTHS
-from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, KinematicColumns
+from ...model.kinematics.arm_terms import terms_of_arm
+from ...model.kinematics.kinematic_errors import DECLARED_AS, KinematicColumns
 from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
@@ -233,23 +232,7 @@ class JointModel:
         return found
 
     def _arm(self) -> list[ErrorTerm]:
-        if self.arm is None:
-            return []
-        given, found = self.arm.given, []
-        for group, sd in given.standard_deviations.items():
-            of = self.arm.of(group)
-            if not of.any():
-                continue
-            declared = given.how == DECLARED
-            size = Size(sd, 1.0 if declared else given.population.factor, "m" if group == LENGTHS else "rad")
-            key, keys = ErrorKey(Owner.ROBOT, group), tuple(compress(self.arm.keys, of))
-            block = None if self.arm.elbow is None else self.arm.elbow[..., of[: self.arm.elbow.shape[-1]]]
-            found.append(ErrorTerm(key, "robot", size, columns=self.arm.F[..., of], block=block, keys=keys))
-        joint_sd = given.joint_sd
-        size = SIZES[JOINT_NOISE] if joint_sd is None else Size(float(joint_sd), 1.0, "rad", "declared")
-        if size.median > 0:
-            found.append(ErrorTerm(JOINT_NOISE, "robot", size, block=self.arm.J))
-        return found
+        return [] if self.arm is None else terms_of_arm(self.arm)
 
     # ------------------------------------------------------------------------------------------- estimation
 

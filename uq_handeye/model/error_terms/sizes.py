@@ -118,7 +118,8 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
             size = value
         else:
             median, *more = value if isinstance(value, tuple | list) and value else (value,)
-            unit, factor = BY_NAME[name].unit if name in BY_NAME else "", more[0] if more else 1.0
+            plain = name.rpartition(":")[2]  # of one camera, target or arm of a rig by its name in front
+            unit, factor = BY_NAME[plain].unit if plain in BY_NAME else "", more[0] if more else 1.0
             if isinstance(median, str):
                 median = PARSERS[unit](median, f"the size of {name!r}")
             if not is_plain_number(median) or len(more) > 1:
@@ -153,8 +154,8 @@ def parse_size(text: str) -> tuple[str, Size]:
     median, comma, factor = value.partition(",")
     if not equals or not median:
         raise InputError(f"Expected NAME=SIZE or NAME=SIZE,FACTOR such as 'robot accuracy=0.3mm,2', got {text!r}.")
-    if name not in BY_NAME:
-        near = get_close_matches(name, BY_NAME, 3, 0.4) or BY_NAME
+    if (plain := name.rpartition(":")[2]) not in BY_NAME:
+        near = get_close_matches(plain, BY_NAME, 3, 0.4) or BY_NAME
         raise InputError(f"No error of the name {name!r:.60} has a size. Near it: {', '.join(near)}.")
     try:
         number = float(factor) if comma else 1.0

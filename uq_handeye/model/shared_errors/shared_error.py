@@ -153,6 +153,10 @@ class SharedError(ReadOnlyArrays):
         none = (0.0, 0.0, None) if self.declared is not None else None
         return replace(self, sd=np.zeros_like(self.sd), factor=1.0, bind=None, declared=none)
 
+    def of(self, name: str) -> SharedError:
+        """Return the error of one arm, camera or target of a rig, in place of that of all of them."""
+        return replace(self, key=self.key.of(name)) if name else self
+
     def sized(self, size: Size) -> SharedError:
         """Return the bound error with a size that was declared: that of its first number, the others in proportion."""
         stated = f"{digits(1e3 * size.median, 2)} mm" if self.stated else ""
@@ -322,7 +326,8 @@ class SharedError(ReadOnlyArrays):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SharedError:
         """The inverse of `to_dict`; raises `InputError` for columns of the user's own, which it does not hold."""
-        key, focal_length = ErrorKey.from_dict(data["key"]), data.get("focal_length_px")
+        whose, focal_length = ErrorKey.from_dict(data["key"]), data.get("focal_length_px")
+        key = whose.of("")
         known = (
             cls.focal_length,
             cls.principal_point,
@@ -339,7 +344,8 @@ class SharedError(ReadOnlyArrays):
             if not made:
                 raise InputError(f"The shared error {str(key)!r} has columns of its own, which the file does not hold.")
             error = replace(made[0], focal_length_px=focal_length)
-        return replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
+        found = replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
+        return found.of(whose.name)
 
     def rows(self, kept: NDArray[np.intp], n: int) -> SharedError:
         """Return the error for some of n poses, by their numbers: columns that were given for all n lose the others."""
@@ -402,7 +408,7 @@ def listed_errors(errors: Any) -> tuple[SharedError, ...]:
     for error in found:
         if not isinstance(error, SharedError):
             raise InputError(f"Expected `shared` to be a list of SharedError, got one of {type(error).__name__}.")
-    names = [name for error in found for name in {str(error.key), *map(str, error.keys)}]
+    names = [name for error in found for name in {str(error.key), *(str(key.of(error.key.name)) for key in error.keys)}]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(f"Expected one shared error of each name in `shared`, got two {sorted(twice)[0]!r}.")
     return found

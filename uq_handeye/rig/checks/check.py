@@ -34,12 +34,15 @@ from ...core.presentation.document import Answer, Document, Paragraph, Table, do
 from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ...fit.one_model.request import Request
 from ...model.error_terms.key import ErrorKey
+from ...model.error_terms.keys import CLOCK_OFFSET
 from ...model.error_terms.sizes import Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
 from ...model.shared_errors.view import HALF_WIDTH
+from ..declared import request_from_dict
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
@@ -134,7 +137,10 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
     if not (lines or keys):
         return ()
     before = result.rig, Graph.of(result.rig)
-    found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH)
+    request = Request() if result.provenance is None else request_from_dict(result.provenance["request"])
+    request = replace(request, shared=[error for error in request.shared or () if error.key.of("") != CLOCK_OFFSET])
+    width = lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH
+    found = components_of(rig, graph, True, before, width, replace(request, sizes=None, prior=None))
     known = [one for one in found if one.key in lines or set(one.keys) <= keys]
     return tuple(replace(one, size=Size(lines.get(one.key, one.size.median))) for one in known)
 

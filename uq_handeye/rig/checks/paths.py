@@ -47,6 +47,7 @@ from ...errors import InputError, NotConvergedError
 from ...findings import Finding
 from ...fit.likelihood.robust import largest_by_chance
 from ...fit.likelihood.steps_in_time import FALSE_FINDING, MIN_MOMENTS, MIN_RUN, differences, largest_step, sums_of
+from ...fit.one_model.request import Request
 from ..description import Rig
 from ..fit import RigFit, Task, fit
 from ..graph import Graph
@@ -343,7 +344,7 @@ def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exc
     """Return the error of a robust fit that failed, with the pose that moved if one explains it."""
     try:
         plain = fit(task.graph, noise, at, "efficient", prior=task.prior)
-        _, findings = judged_paths(task._replace(method="efficient", robust=True), plain)
+        _, findings = judged_paths(task._replace(request=Request()), plain)
     except (InputError, NotConvergedError, np.linalg.LinAlgError):
         return error
     return InputError(str(findings[0])) if findings else error

@@ -177,7 +177,7 @@ def view_of(camera: str, target: str, rows: PoseRows, arms: list[PoseRows], tole
 
 
 def rig_of_files(
-    robot: Path,
+    robot: PoseRows,
     cameras: Mapping[str, Path],
     *,
     setup: str = "eye-in-hand",
@@ -188,17 +188,16 @@ def rig_of_files(
 
     Parameters
     ----------
-    robot : path of the robot poses
+    robot : rows of the robot
     cameras : mapping of names to files of camera poses
     setup : "eye-in-hand" (cameras on the arm, target in the world) or "eye-to-hand" (the other way round)
     tolerance : s by which the time of a view may differ from that of its robot pose
     reading : arguments of `read_rows` by "robot" and the names of cameras, or None
     """
     how = reading or {}
-    rows = read_rows(robot, "robot", **how.get("robot", {}))
     on, to = ("arm", WORLD) if setup == "eye-in-hand" else (WORLD, "arm")
     files = {(name, "target"): file for name, file in cameras.items()}
-    return views_of_files(rows, "arm", files, dict.fromkeys(cameras, on), {"target": to}, tolerance, how)
+    return views_of_files(robot, "arm", files, dict.fromkeys(cameras, on), {"target": to}, tolerance, how)
 
 
 def views_of_files(

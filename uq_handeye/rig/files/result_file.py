@@ -7,6 +7,7 @@ The file holds the rig with all its poses, so that it can be checked, updated an
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from ...core.files.tree_values import is_map
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.kinematic_errors import KinematicErrors
 from ...model.noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View
 from ..poses import RigPoses
@@ -123,13 +125,17 @@ def _joints(arm: ArmPoses) -> JsonObject:
     if arm.kinematics is None or arm.joints is None:
         return {}
     own = {"kinematics": arm.kinematics.to_dict(), "joints": arm.joints.tolist()}
-    return own if arm.robot_class is None else own | {"robot_class": arm.robot_class}
+    return own | {"errors": asdict(arm.errors), "by_poses": arm.by_poses}
 
 
 def _arm(data: Mapping[str, Any]) -> ArmPoses:
     chain = None if data.get("kinematics") is None else Kinematics.from_dict(data["kinematics"])
     names, source = tuple(_moments(data["names"])), str(data["source"])
-    return ArmPoses(_poses(data["poses"]), names, source, chain, _numbers(data, "joints"), data.get("robot_class"))
+    joints, poses = _numbers(data, "joints"), _poses(data["poses"])
+    if chain is None:
+        return ArmPoses(poses, names, source)
+    errors = KinematicErrors(**data["errors"])
+    return ArmPoses(poses, names, source, chain, joints, errors, bool(data["by_poses"]))
 
 
 def _numbers(data: Mapping[str, Any], name: str) -> Array | None:

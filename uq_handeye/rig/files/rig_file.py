@@ -42,6 +42,7 @@ from ...core.files.trees import parse_toml
 from ...errors import InputError
 from ...formats.priors import read_prior
 from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.kinematic_errors import KinematicErrors
 from ..description import WORLD, ArmPoses, Rig, nearest_names, require_in_rig, require_names
 from ..noise import require_noise
 from .pose_rows import PoseRows, on_one_clock, read_rows, view_of
@@ -131,7 +132,7 @@ class _Read:
                     f"{untimed[0]} has no timestamps, which a view beside an arm from a bag needs. Add them."
                 )
             rows = self.rows[name] = at_views(self.rows[name], [np.asarray(one.times) for one in of], self.chains[name])
-            arms[name] = arm_poses(rows, self.chains[name], self.tables["arms"][name].get("robot_class"))
+            arms[name] = arm_poses(rows, self.chains[name], _errors_of(self.tables["arms"][name]))
             seen = [one.some(np.isin(np.asarray(one.times), np.asarray(rows.times))) if name in on else one
                     for one, on in zip(seen, carriers, strict=True)]  # fmt: skip
         views = tuple(
@@ -173,7 +174,7 @@ class _Read:
             assert rows is not None
             if self.rows and name not in self.rows:
                 rows = on_one_clock(rows, next(iter(self.rows.values())), self.tolerance)
-            poses = arm_poses(rows, chain, entry.get("robot_class"))
+            poses = arm_poses(rows, chain, _errors_of(entry))
             found = poses if found is None else found.joined(poses)
             self.rows[name] = self.rows[name].joined(rows) if name in self.rows else rows
         return found
@@ -238,6 +239,10 @@ def _place(what: str, name: str, entry: Mapping[str, Any], arms: Mapping[str, An
     if "on" not in entry:
         raise InputError(f"Expected `on` in [{what}.{name}]: {', '.join(arms)} or {WORLD}.")
     return entry["on"]
+
+
+def _errors_of(entry: Mapping[str, Any]) -> KinematicErrors:
+    return KinematicErrors(robot_class=entry.get("robot_class"))
 
 
 def _topic(entry: Mapping[str, Any], where: str) -> str:

@@ -24,6 +24,7 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.mjcf import is_mjcf
+from ...model.kinematics.kinematic_errors import KinematicErrors
 from ...model.poses.pose_pairs import joint_values_at
 from ...model.poses.stream import Stream
 from ...read.joints import read_joint_file
@@ -87,13 +88,13 @@ def joint_rows(path: Any, chain: Kinematics, units: str | None, rows: PoseRows |
     return replace(rows, joints=values)
 
 
-def arm_poses(rows: PoseRows, chain: Kinematics | None, robot_class: str | None) -> ArmPoses:
+def arm_poses(rows: PoseRows, chain: Kinematics | None, errors: KinematicErrors | None = None) -> ArmPoses:
     """Return the poses of an arm with its kinematics, if there is a chain."""
     names, timed = rows.names if rows.named else (), rows.times is not None
     if chain is None:
         return ArmPoses(rows.poses, names, rows.name, timed=timed)
     poses = None if rows.by_joints else rows.poses
-    return ArmPoses.by_kinematics(chain, poses, rows.joints, names, rows.name, robot_class, timed)
+    return ArmPoses.by_kinematics(chain, poses, rows.joints, names, rows.name, errors, timed)
 
 
 # ------------------------------------------------------------------------------------------- corners

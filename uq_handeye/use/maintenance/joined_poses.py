@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.job import job_of
-from ...calibration.request import Request
 from ...calibration.result import Calibration
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
+from ...fit.one_model.request import Request
 from ...model.camera.calibrate import calibrate_camera
 from ...model.camera.corners import Corners
 from ...model.camera.models import LINEAR

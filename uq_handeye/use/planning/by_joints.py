@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...calibration.arm import joints_by_poses
 from ...calibration.calibrate import calibrate
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.prediction.predict import CameraAhead, camera_ahead
@@ -26,6 +25,7 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.arms.newton import postures_at
+from ...model.kinematics.by_poses import joints_by_poses
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
 from ...model.poses.pose_pairs import PosePairs
@@ -130,7 +130,7 @@ def _so_far(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> tuple[Cal
     if result.kinematics is not None:
         return result, result.kinematics.joints
     given = data.joints if asked.joints is None else asked.joints
-    return result, joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
+    return result, joints_by_poses(chain, data.robot) if given is None else as_numbers(given, "joints")
 
 
 def _ahead(result: Estimated, chain: Kinematics, q: Array) -> CameraAhead:

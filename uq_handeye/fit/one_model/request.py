@@ -10,26 +10,27 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.geometry.se3 import Array
-from ..errors import InputError, require_integer, require_one_of, require_type
-from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
-from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..model.error_terms.keys import CAMERA_SCALE, TARGET_SCALE
-from ..model.error_terms.sizes import SizeLike, checked_sizes
-from ..model.error_terms.term import ErrorTerm
-from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.kinematic_errors import KinematicErrors
-from ..model.noise.camera_noise import CameraNoise
-from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
-from ..model.poses.camera_scale import UNKNOWN
-from ..model.poses.motions import relative_motions
-from ..model.poses.pose_numbers import Selection
-from ..model.poses.pose_pairs import PosePairs, as_joint_values
-from ..model.shared_errors.assumed import replace_defaults
-from ..model.shared_errors.shared_error import WIDE_SCALE_SD, SharedError, listed_errors
+from ...core.geometry.se3 import Array
+from ...errors import InputError, require_integer, require_one_of, require_type
+from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ...model.error_terms.keys import CAMERA_SCALE, TARGET_SCALE
+from ...model.error_terms.sizes import SizeLike, checked_sizes
+from ...model.error_terms.term import ErrorTerm
+from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.kinematic_errors import KinematicErrors
+from ...model.noise.camera_noise import CameraNoise
+from ...model.noise.estimate import NoisePrior
+from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ...model.poses.camera_scale import UNKNOWN
+from ...model.poses.motions import relative_motions
+from ...model.poses.pose_numbers import Selection
+from ...model.poses.pose_pairs import PosePairs, as_joint_values
+from ...model.shared_errors.assumed import replace_defaults
+from ...model.shared_errors.shared_error import WIDE_SCALE_SD, SharedError, listed_errors
+from ..likelihood.gauss_helmert import ESTIMATORS
 
+# Covariances from the residuals (`empirical_covariance`).
+OF_RESIDUALS = ("sandwich", "bootstrap")
 # Covariances of the result: of the noise, and of the residuals.
 COVARIANCES = ("model", *OF_RESIDUALS)
 # What neighbouring poses have in common: looked for where the noise is estimated, or not.
