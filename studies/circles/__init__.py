@@ -6,7 +6,7 @@ A camera with a little distortion, its X and 20 poses at any roll are drawn agai
 Each view is drawn twice, with noise: with a symmetric grid of 7 x 5 discs of 15 mm, 25 mm apart, and with a chessboard
 of 7 x 5 corners, 25 mm apart, at the same place. X is estimated from the discs, as the program takes them and as
 points; from the corners of this program; and from those of OpenCV's ``findChessboardCornersSB``, in the order of the
-truth. 10 sets with noise of 2 and 10 with noise of 10 grey levels with ``--full``, 1 of each without.
+truth. 5 sets with noise of 2 and 5 with noise of 10 grey levels with ``--full``, 1 of each without.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SEED = 1548
 SIZE = (640, 480)
 DISCS = uq.Board(7, 5, 0.025, "circles", diameter=0.015)
 SQUARES = uq.Board(7, 5, 0.025)
-POSES, SETS, FULL = 20, 1, 10
+POSES, SETS, FULL = 20, 1, 5
 LEVELS = (2.0, 10.0)  # standard deviations of the noise, grey levels
 BLUR = 0.7  # pixels
 RIM = 20  # pixels that all points keep from it

@@ -12,7 +12,7 @@ from ..names import UNITS
 from ..printing import shown
 from ..stored import OneOfRig
 from ..touches import TouchOptions
-from ..values import one_of
+from ..values import metres, one_of
 
 if TYPE_CHECKING:
     from ...core.geometry.se3 import Array
@@ -27,6 +27,7 @@ def verify_command(
     show: str = "0.5mm",
     candidates: Path | None = None,
     poses: tuple[Path, Path] | None = None,
+    camera_poses: Path | None = None,
     as_json: bool = False,
     output: Path | None = None,
 ) -> int:
@@ -50,6 +51,9 @@ def verify_command(
     Options (Touches):
       --poses ROBOT.csv CAMERA.csv: New poses in place of touches: an independent data set of the same cell.
 
+      --camera-poses FILE: Camera poses of the same rig by caliscope, aniposelib, multical or vision-calibration, in
+        place of touches: the relative poses are compared. --units is the length of one unit there, e.g. 25mm.
+
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for verification.json and points.csv (m).
       * --show LENGTH: Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.
@@ -58,15 +62,35 @@ def verify_command(
     """
     from ...use.verification.verify import verify
 
+    if sum(data is not None for data in (touches, poses, camera_poses)) != 1:
+        raise InputError(
+            "Give one of TOUCHES.csv, points seen and touched, --poses ROBOT.csv CAMERA.csv, and --camera-poses FILE."
+        )
+    if camera_poses is not None:
+        return _by_cameras(result, camera_poses, touching, as_json, output)
     stored = chosen.read(result)
-    if (touches is None) == (poses is None):
-        raise InputError("Give either TOUCHES.csv, points seen and touched, or --poses ROBOT.csv CAMERA.csv.")
     if poses is not None:
         return _by_poses(stored, poses, touching, as_json, output)
     assert touches is not None
     given = touching.read(touches, stored.kinematics)
     found = verify(stored, given, show=show, candidates=None if candidates is None else _points(candidates))
     return _deliver(found, as_json, output, {"points.csv": _csv(found)})
+
+
+def _by_cameras(result: Path, camera_poses: Path, touching: TouchOptions, as_json: bool, output: Path | None) -> int:
+    """Compare the relative poses of a rig with those of another program."""
+    from ...core.formatting.units import LENGTH_UNITS
+    from ...read.camera_poses import read_camera_poses
+    from ...use.verification.verify_cameras import verify_cameras
+    from ..stored import stored_rig
+
+    rig = stored_rig(result)
+    if rig is None:
+        raise InputError(f"--camera-poses: {result} is the result of one camera. Give that of a rig.")
+    text = touching.units
+    unit = LENGTH_UNITS[text] if text in UNITS else metres(text, "--units")
+    found = verify_cameras(rig, read_camera_poses(camera_poses), unit)
+    return _deliver(found, as_json, output, {})
 
 
 def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
