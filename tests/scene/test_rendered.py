@@ -9,8 +9,9 @@ from studies.common.pictures import Camera
 from studies.common.scores import true_means
 from studies.scene.measure import DEFAULTS, EXACT, JOINT, TRACKS, of_tracks, scored
 from studies.scene.pictures import Body, Face, Renderer
-from studies.scene.sessions import rendered, session
+from studies.scene.sessions import rendered, robot_csv, session
 from uq_handeye.core.geometry.se3 import pose
+from uq_handeye.read.poses import read_robot
 
 SIZE = (640, 480)
 FAR = stats.chi2.ppf(0.9999, 6)
@@ -56,3 +57,16 @@ def test_tracks_are_consistent_with_what_is_stated():
         stated = np.sqrt(np.mean([one[way]["stated_mm"] ** 2 for one in draws]))
         assert 0.7 < rms / stated < 1.4
     assert np.mean([one[DEFAULTS]["d2"] < stats.chi2.ppf(0.95, 6) for one in draws]) >= 0.8
+
+
+def test_robot_poses_need_no_timestamps_and_metres(tmp_path):
+    made = session("table", bodies=False)
+    path = tmp_path / "robot.csv"
+    path.write_text(robot_csv(made.robot), encoding="utf-8")
+    np.testing.assert_allclose(read_robot(path), made.robot, atol=1e-8)
+    far = made.robot.copy()
+    far[:, :3, 3] *= 1e3
+    path.write_text(robot_csv(far), encoding="utf-8")
+    with pytest.raises(uq.InputError, match=r"In millimetres\? Give --units robot=mm"):
+        read_robot(path)
+    np.testing.assert_allclose(read_robot(path, units="mm"), made.robot, atol=1e-8)

@@ -106,7 +106,7 @@ def scene_poses(
             f"A scene needs {MIN_PICTURES} pictures or more (15 to 20 are better), got {len(paths)}. Take more, or use "
             "a board."
         )
-    poses = None if robot is None else _robot(robot, len(paths))
+    poses = None if robot is None else _robot(robot, len(paths), setup)
     known = None if intrinsics is None else _known(intrinsics, paths)
     if mask is not None:
         with opened(as_path(mask), MAX_TABLE_BYTES):
@@ -121,11 +121,11 @@ def _silent(text: str) -> None:
     pass
 
 
-def _robot(robot: ArrayLike | StrPath, n: int) -> Array:
+def _robot(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
     if isinstance(robot, str | PathLike):
-        from ..read.poses import read_stream
+        from ..read.poses import read_robot
 
-        poses = read_stream(robot, "robot").poses
+        poses = read_robot(robot, setup=setup)
     else:
         poses = frozen_poses(robot, "robot")
     if poses.ndim != 3 or len(poses) != n:

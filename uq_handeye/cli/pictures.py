@@ -181,12 +181,13 @@ class Scene(Pictures):
     def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
         from ..calibration.by_scene import scene_poses
-        from ..read import read_poses, read_stream
+        from ..read import read_poses
+        from ..read.poses import read_robot
 
         of_robot = {name: how[name][0] for name in ("units", "format", "rotation") if how.get(name) is not None}
         of_arm = {name: how[name] for name in ("joints", "kinematics", "joint_units") if how.get(name) is not None}
         setup = how.get("setup") or SETUP_NAMES[0]
-        poses = read_stream(robot, "robot", frame=how["robot_frame"], **of_robot, **of_arm).poses
+        poses = read_robot(robot, frame=how["robot_frame"], setup=setup, **of_robot, **of_arm)
         known = known_of_scene(self.lens.intrinsics, self.lens.read_roi())
         with timed(f"the scene of {self.images}"), working("the scene", progress_wanted()) as say:
             found = scene_poses(self.images, poses, setup=setup, intrinsics=known, mask=self.mask, say=say)

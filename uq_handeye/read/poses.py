@@ -18,7 +18,7 @@ from ..core.files.source import Source
 from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.frames import CAMERA_CONVENTIONS, SETUPS
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MIN_POSES
+from ..core.numbers.limits import MAX_PLAIN_LENGTH_M, MIN_POSES
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
 from ..fit.input_checks.repeated_rows import SAME_NUMBER
@@ -402,6 +402,39 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, request: Rea
     if seen.scene is not None:
         pairs = seen.scene.paired(pairs)
     return robot.give_joints(pairs, None if values is None else values[rows])
+
+
+def read_robot(
+    path: StrPath | None,
+    *,
+    units: str | None = None,
+    format: str | None = None,
+    rotation: str | None = None,
+    frame: str | None = None,
+    setup: str = "eye-in-hand",
+    **of_arm: Unpack[OfArm],
+) -> Array:
+    """Return the robot poses (n, 4, 4) of a file in the order of its rows, with or without timestamps, in metres.
+
+    Arguments are those of `read_poses`; without ``path`` the poses are those of the joints. Raises `InputError` for
+    poses without a unit that are no metres: pictures of a scene do not tell the unit.
+    """
+    arm = joints_of(of_arm.get("joints"), of_arm.get("kinematics"), of_arm.get("joint_units"))
+    if path is None:
+        if arm is None:
+            raise InputError("Expected a file of poses, or joints and kinematics.")
+        units, format, rotation, frame = "m", None, None, None
+    location, contents, *_ = _robot_of(path, arm, format)
+    side = side_of(contents, "robot", shown(location))
+    if contents.robot_enters and setup == "eye-to-hand":
+        frame = FRAMES["robot"][1]
+    poses = finished(side, "robot", units, rotation, FRAMES["robot"][0] if frame is None else frame)
+    away = float(np.median(np.linalg.norm(poses[:, :3, 3], axis=-1)))
+    if units is None and away > MAX_PLAIN_LENGTH_M:
+        raise InputError(
+            f"{side.name}: the robot is {away:.0f} m from its base. In millimetres? Give --units robot=mm."
+        )
+    return poses
 
 
 def read_stream(
