@@ -15,6 +15,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MIN_POSES
 from ...core.presentation.html import macros
 from .question import words
+from .remedies import is_remedied
 from .session import Session
 
 # Rows of the table of poses that the page shows.
@@ -27,7 +28,7 @@ def _macros() -> Any:
     return macros(
         __package__, "panel.html.j2", checks_block=checks_block, status_of=status_of,
         digits=digits, FEWEST=MIN_POSES, style=Markup(f"<style>\n{style}</style>"), log10=np.log10, degrees=np.degrees,
-        isfinite=np.isfinite,
+        isfinite=np.isfinite, is_remedied=is_remedied,
     )  # fmt: skip
 
 

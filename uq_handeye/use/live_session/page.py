@@ -23,6 +23,7 @@ from .folder import board_text
 from .markup import MAX_ROWS_SHOWN, panel, summary
 from .nodes import Picture
 from .question import ONE_AT_A_TIME, Answer
+from .remedies import Remedy
 from .scene import Extras, Scene, touched
 from .server import HOST, PORT
 from .session import Session
@@ -31,6 +32,10 @@ from .uploads import keep_bag, keep_other, keep_picture, keep_upload, thumbnail
 
 if TYPE_CHECKING:
     import viser
+
+
+# Remedies that the page offers.
+MAX_REMEDIES = 4
 
 
 class Page(BrowserPage):
@@ -92,6 +97,9 @@ class Page(BrowserPage):
 
         gui = self._gui
         self._summary = gui.add_html("")
+        self._remedy_folder = gui.add_folder("Remedy", visible=False)
+        self._offered: tuple[str, ...] = ()
+        self._remedy_buttons: list[Any] = []
         for source in self._sources:
             if source.on_demand:
                 self._button(f"Take pose ({source.name})", partial(self._take, source), icon="camera")
@@ -225,10 +233,38 @@ class Page(BrowserPage):
             if self._number.value != number:
                 self._number.value = number
             self._set(self._summary, summary(session))
+            if session.computing:  # the rest follows with the answer
+                self._offer(())
+                return
+            self._offer(answer.remedies)
             self._set(self._table, panel("poses", answer, self.selected, self._number._impl.uuid, MAX_ROWS_SHOWN))
             self._set(self._covered, panel("covered", answer.result))
             in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
             self._scene.show(answer, self.selected, in_hand, self._extras(answer.poses, answer.result))
+
+    def _offer(self, remedies: tuple[Remedy, ...]) -> None:
+        """Show a button for each remedy, and one that takes the chosen readings of the files back."""
+        work: dict[str, Callable[[], Answer]] = {
+            one.label: partial(self.session.remedy, one) for one in remedies[:MAX_REMEDIES]
+        }
+        if self.session.choice.how and not self.session.computing:
+            work["Read the files as before"] = self.session.read_as_before
+        if tuple(work) == self._offered:
+            return
+        self._offered = tuple(work)
+        for button in self._remedy_buttons:
+            button.remove()
+        with self._remedy_folder:
+            self._remedy_buttons = [self._gui.add_button(label, color="orange") for label in work]
+        for button, action in zip(self._remedy_buttons, work.values(), strict=True):
+            button.on_click(partial(self._mend, action))
+        self._remedy_folder.visible = bool(work)
+
+    def _mend(self, action: Callable[[], Answer], _: Any) -> None:
+        def work() -> None:
+            action()
+
+        self._tried(work)
 
     def _extras(self, poses: PosePairs | None, result: Calibration | None) -> Extras:
         """Return pictures and touched points; what cannot be used is said where it was added."""

@@ -20,10 +20,12 @@ from ...calibration.statement.tolerance import Tolerance, Verdict
 from ...core.numbers.limits import MIN_POSES
 from ...core.runtime.threads import one_thread
 from ...errors import InputError, InputWarning, NotConvergedError
+from ...findings import Finding
 from ...model.noise.models import Noise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import SharedError
 from ..planning.after_each import NextPose, next_pose, words_after, words_without
+from .remedies import Remedy, remedies_of
 from .starting_views import VIEWS
 
 NoiseAndShared = tuple[Noise | None, list[SharedError] | None]
@@ -94,13 +96,15 @@ class Question:
         try:
             result, (noise, shared) = self.calibrate(poses, left_out)
         except (InputError, NotConvergedError) as error:
-            return Answer(n, tuple(words_without(n - len(left_out), error)), left_out, poses)
+            lines = tuple(words_without(n - len(left_out), error))
+            return Answer(n, lines, left_out, poses, findings=tuple(error.findings))
         verdict = None if self.tolerance is None else result.verdict(self.tolerance)
         ahead = None
         if plan and not (verdict is not None and verdict.passed):
             kept = np.setdiff1d(np.arange(poses.n), left_out)
             ahead = next_pose(result, noise if noise is None or not left_out else noise.rows(kept), shared)
-        return Answer(n, tuple(words_after(result, verdict, ahead)), left_out, poses, result, verdict, ahead)
+        lines = tuple(words_after(result, verdict, ahead))
+        return Answer(n, lines, left_out, poses, result, verdict, ahead, result.findings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,12 @@ class Answer:
     result: Calibration | None = None
     verdict: Verdict | None = None
     ahead: NextPose | None = None
+    findings: tuple[Finding, ...] = ()  # about the poses, also where there is no X
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What can be done about the findings."""
+        return remedies_of(self.findings, [k for k in range(self.n) if k not in self.left_out])
 
     @property
     def size(self) -> float | None:

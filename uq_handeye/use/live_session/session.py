@@ -12,9 +12,10 @@ import os
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from ...errors import InputError, InputWarning, NotConvergedError
 from ...model.poses.pose_pairs import PosePairs
 from .folder import Folder, SeenBoard, State, settled
 from .question import ONE_AT_A_TIME, Answer, Question
+from .remedies import Remedy
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
 OWN, CHOICE = "poses.jsonl", ".uq-handeye-session.json"
@@ -40,6 +42,7 @@ class Choice:
     left_out: tuple[int, ...] = ()
     earlier: tuple[tuple[int, ...], ...] = ()
     board: str | None = None  # of pictures that were uploaded: `Board.text`
+    how: Mapping[str, Any] = field(default_factory=dict)  # arguments of `read_poses` that were chosen on the page
 
     def changed(self, left_out: tuple[int, ...]) -> Choice:
         """Return the choice after one more step."""
@@ -67,11 +70,14 @@ class Session:
         self.answer = Answer(0, ())
         self.notes: deque[str] = deque(maxlen=3)  # what could not be used
         self.problem = ""  # why the files cannot be read, in one line
+        self.computing = False  # the answer is not yet that of the poses and choices
         self._sizes: dict[tuple[int, tuple[int, ...]], float] = {}  # m, by poses and those left out
         self._lock = threading.RLock()
-        self._asked: tuple[State, tuple[int, ...]] | None = None
+        self._asked: tuple[State, tuple[int, ...], str] | None = None
+        self._how = self.folder.how  # without those chosen on the page
         self._mend()
         self.choice = _read_choice(folder.path / CHOICE)
+        self.folder = replace(self.folder, how={**self._how, **self.choice.how})
         if self.choice.board is not None:
             self._look_for(self.choice.board)
 
@@ -132,6 +138,25 @@ class Session:
             self._keep(replace(self.choice, left_out=self.choice.earlier[-1], earlier=self.choice.earlier[:-1]))
             return self.update()
 
+    def remedy(self, chosen: Remedy) -> Answer:
+        """Read the files as a remedy says, leave out its poses, and return the answer."""
+        with self._lock:
+            if chosen.how:
+                how = {**self.choice.how, **chosen.how}
+                for name, value in chosen.how.items():
+                    if isinstance(value, tuple) and (before := self.folder.how.get(name)) is not None:
+                        how[name] = tuple(new or old for new, old in zip(value, before, strict=True))
+                self._keep(replace(self.choice, how=how))
+                self.folder = replace(self.folder, how={**self._how, **how})
+            return self.leave_out(*chosen.left_out)
+
+    def read_as_before(self) -> Answer:
+        """Read the files as they were read before all remedies."""
+        with self._lock:
+            self._keep(replace(self.choice, how={}))
+            self.folder = replace(self.folder, how=self._how)
+            return self.update()
+
     def look_for(self, board: str) -> None:
         """Take the pictures in the folder as those of a board, `Board.text`; raises `InputError` for other text."""
         with self._lock:
@@ -155,7 +180,8 @@ class Session:
 
     def _keep(self, choice: Choice) -> None:
         board = {} if choice.board is None else {"board": choice.board}
-        tree = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier], **board}
+        how = {"how": dict(choice.how)} if choice.how else {}
+        tree = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier], **board, **how}
         write_atomically(self.folder.path / CHOICE, json_text(tree))
         self.choice = choice
 
@@ -164,9 +190,11 @@ class Session:
     def update(self) -> Answer:
         """Read the files and answer, if they or the choice are not those of the last answer."""
         with self._lock:
-            asked = (self.folder.state(), self.choice.left_out)
+            asked = (self.folder.state(), self.choice.left_out, json_text(dict(self.choice.how)))
             if asked == self._asked:
                 return self.answer
+            self.computing = True
+            self._tell()  # the answer that is shown is no longer that of these poses
             try:
                 n, poses = self._read()
             except (InputError, NotConvergedError) as error:  # half written, or wrong
@@ -178,6 +206,8 @@ class Session:
                 self.problem, self._asked = "", asked
                 if self.answer.size is not None:
                     self._sizes[n, left_out] = self.answer.size
+            finally:
+                self.computing = False
             self._tell()
             return self.answer
 
@@ -281,6 +311,7 @@ def _read_choice(path: Path) -> Choice:
     try:
         earlier = tuple(tuple(int(k) for k in one) for one in tree["earlier"])
         board = None if tree.get("board") is None else str(tree["board"])
-        return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board)
+        how = {str(name): tuple(of) if isinstance(of, list) else of for name, of in dict(tree.get("how", {})).items()}
+        return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board, how)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is not the file of a session. Remove it: no pose is then left out.") from error

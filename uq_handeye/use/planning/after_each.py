@@ -17,6 +17,7 @@ import numpy as np
 
 from ...calibration.result import Calibration
 from ...calibration.statement.accuracy import amounts, part_keys
+from ...calibration.statement.checks import failures_in_words
 from ...calibration.statement.tolerance import MET, Verdict, percent, probability_within
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
@@ -115,6 +116,8 @@ def words_without(n: int, error: InputError | NotConvergedError) -> list[str]:
         return [f"{n} pose{'' if n == 1 else 's'}: at least 3 are needed, rotated about different axes."]
     if isinstance(error, DegenerateMotionError):
         return [f"{n} poses: X is not determined yet. Take poses that rotate by 30 deg and more, about different axes."]
+    if reasons := failures_in_words(error.findings):
+        return [f"{n} poses: no X: {reasons[0]}."]
     return [f"{n} poses: no X yet. {' '.join(str(error).split())}"]
 
 
