@@ -140,7 +140,7 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
     request = Request() if result.provenance is None else request_from_dict(result.provenance["request"])
     request = replace(request, shared=[error for error in request.shared or () if error.key.of("") != CLOCK_OFFSET])
     width = lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH
-    found = components_of(rig, graph, True, before, width, replace(request, sizes=None, prior=None))
+    found = components_of(rig, graph, True, before, width, request=replace(request, sizes=None, prior=None))
     known = [one for one in found if one.key in lines or set(one.keys) <= keys]
     return tuple(replace(one, size=Size(lines.get(one.key, one.size.median))) for one in known)
 
