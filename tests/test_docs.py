@@ -59,6 +59,7 @@ def test_the_guide_from_pictures_names_the_files_that_it_writes(tmp_path):
 
 
 def test_every_guide_is_run():
+    # without_a_board: tests/scene/test_rendered.py
     # plan: tests/cli/test_plan.py; few_axes: tests/cli/test_known.py; exclude, watch: their files there
     elsewhere = {
         "index",
@@ -75,6 +76,7 @@ def test_every_guide_is_run():
         "recalibrate",
         "synchronise",
         "watch",
+        "without_a_board",
     }
     guides = {page.stem for page in (DOCS / "how-to").glob("*.md")}
     assert guides == elsewhere | {Path(page).stem for page in SHOWN if "/how-to/" in page}

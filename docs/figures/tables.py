@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import uq_handeye as uq
 from uq_handeye.cli.exit_status import ExitStatus
@@ -30,6 +32,8 @@ from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaul
 from uq_handeye.model.shared_errors.shared_error import OF_LENGTHS, SharedError
 
 DOCS = Path(__file__).resolve().parents[1]
+# 95 % point of chi-square with six degrees of freedom.
+INSIDE_95 = 12.592
 MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 
@@ -125,8 +129,86 @@ def simulators() -> str:
     return table(head, rows)
 
 
+# Rows of `studies/scene/measure.py` in words.
+SCENES = {
+    "table": "table with boxes", "flat": "flat table", "wide": "wide lens, f 620", "narrow": "narrow lens, f 2600",
+    "noisy": "noise of 10 grey levels", "eight": "8 pictures", "twelve": "12 pictures", "sixty": "60 pictures",
+    "weak": "weak texture", "tiles": "repeated tiles", "blur": "30 % of pictures blurred",
+    "moved": "a box moved by 50 mm half way", "wrong": "robot pose 6 wrong by 1.1 deg, 15 mm",
+    "shuffled": "pictures in another order", "gripper": "gripper in the picture",
+    "dull": "gripper before a plain table",
+    "halves": "two halves without a common match", "in_hand": "fixed camera, textured box in the hand",
+    "optical": "rotations about the optical axis only", "one_axis": "tilts about one axis only",
+}  # fmt: skip
+
+
+def of_scenes() -> dict[str, Any]:
+    """Return what the study of scenes measured."""
+    found: dict[str, Any] = json.loads((DOCS.parent / "studies" / "scene" / "measured.json").read_text("utf-8"))
+    return found
+
+
+def rms(lines: Sequence[Mapping[str, Any]], name: str) -> float:
+    """Return the root mean square of a column."""
+    return math.sqrt(sum(line[name] ** 2 for line in lines) / len(lines))
+
+
+def share_inside(lines: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many are within the 95 % region of six numbers."""
+    return f"{sum(line['d2'] < INSIDE_95 for line in lines)} of {len(lines)}"
+
+
+def scenes() -> str:
+    """Return X from rendered pictures."""
+    rows = []
+    for name, words in SCENES.items():
+        lines = of_scenes()["pictures"].get(name)
+        if not lines:
+            continue
+        one = lines[0]
+        if "refused" in one:
+            said = "refused: " + one["refused"].partition(":")[0].partition(".")[0]
+            rows.append([words, "", "", "", "", said + (f", {one['in_order']} of 20 right" if one["in_order"] else "")])
+            continue
+        named = f"rows {', '.join(map(str, one['rejected']))} rejected" if one["rejected"] else ""
+        numbers = [f"{rms(lines, 'mm'):.2f} mm, {rms(lines, 'deg'):.3f} deg", f"{rms(lines, 'stated_mm'):.2f} mm"]
+        said = named if one["usable"] else "NOT USABLE"
+        rows.append([words, f"{one['pictures']} of {one['of']}", *numbers, share_inside(lines), said])
+    return table(["pictures", "used", "X, RMS over robot noises", "stated", "inside 95 %", "said"], rows)
+
+
+def tracks() -> str:
+    """Return X from simulated tracks."""
+    sys.path.insert(0, str(DOCS.parent))
+    from studies.scene.measure import TRACKS
+
+    rows = []
+    for name, lines in of_scenes()["tracks"].items():
+        row = [TRACKS[name].words, str(len(lines))]
+        for way in ("exact", "defaults"):
+            found = [line[way] for line in lines if way in line]
+            d2 = sum(one["d2"] for one in found) / len(found)
+            numbers = f"{rms(found, 'mm'):.2f} / {rms(found, 'stated_mm'):.2f} mm"
+            row += [numbers, f"{d2:.1f}", share_inside(found)]
+        rows.append(row)
+    head = ["tracks", "draws", "noise declared: RMS / stated", "d^2", "inside 95 %"]
+    return table([*head, "estimated: RMS / stated", "d^2", "inside 95 %"], rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
-    make.__name__: make for make in (sizes, classes, defaults, covered, levels, conventions, simulators, exit_statuses)
+    make.__name__: make
+    for make in (
+        sizes,
+        classes,
+        defaults,
+        covered,
+        levels,
+        conventions,
+        simulators,
+        scenes,
+        tracks,
+        exit_statuses,
+    )
 }
 
 

@@ -158,11 +158,13 @@ class _Run:
         seen = colmap.match(self.paths, folder, lens, mask, self.say)
         share = seen.stationary_share()
         models = colmap.models(seen, lens, self.say)
+        if 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
+            # A gripper may have nearly all of the strong features.
+            seen = colmap.match(self.paths, folder, lens, mask, self.say, weak=True)
+            models = colmap.models(seen, lens, self.say)
         if not models or len(models[0].rows) < 3:
             raise no_scene(seen, self.setup)
-        if (
-            share > MANY_STATIONARY and self.setup == "eye-in-hand"
-        ):  # what stands still before a fixed camera is no part
+        if share > MANY_STATIONARY and self.setup == "eye-in-hand":
             self.findings.append(Finding("scene.stationary", "caution", {"share": share}))
         self.say("adjusting the scene")
         parts = [part for model in models if (part := self._adjusted(model)) is not None]

@@ -114,10 +114,13 @@ def _opened(module: ModuleType, path: Path) -> Iterator[Any]:
         database.close()
 
 
-def match(paths: Sequence[Path], folder: Path, lens: Lens | None, mask: Path | None, say: Say) -> Matched:
+def match(
+    paths: Sequence[Path], folder: Path, lens: Lens | None, mask: Path | None, say: Say, weak: bool = False
+) -> Matched:
     """Find the features of pictures and match them, in a database in ``folder``.
 
-    ``lens``: known intrinsics; ``mask``: a picture that is black where pictures show what is not the scene.
+    ``lens``: known intrinsics; ``mask``: a picture that is black where pictures show what is not the scene; ``weak``:
+    take weak features, too, as is done where pictures have few others.
 
     Raises
     ------
@@ -127,8 +130,8 @@ def match(paths: Sequence[Path], folder: Path, lens: Lens | None, mask: Path | N
     module = pycolmap()
     root = Path(os.path.commonpath([path.resolve().parent for path in paths]))
     names = [path.resolve().relative_to(root).as_posix() for path in paths]
-    found = _features(module, paths, root, names, folder, lens, mask, say, weak=False)
-    if np.median(found.features) < FEW_FEATURES:
+    found = _features(module, paths, root, names, folder, lens, mask, say, weak)
+    if not weak and np.median(found.features) < FEW_FEATURES:
         found = _features(module, paths, root, names, folder, lens, mask, say, weak=True)
     matching, pairing = module.FeatureMatchingOptions(), {}
     matching.num_threads, matching.use_gpu = 1, False
