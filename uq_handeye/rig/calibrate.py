@@ -329,8 +329,8 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
                 f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."
             )
             with suppress(InputError, NotConvergedError):
-                again = _calibrated_with(result, new).findings
-                error.findings = tuple(one for one in again if one.severity == "failure" and one.explains)
+                after = _calibrated_with(result, new).findings
+                error.findings = tuple(one for one in after if one.severity == "failure" and one.explains)
             raise error
     return _calibrated_with(result, new)
 
