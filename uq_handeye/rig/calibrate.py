@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..core.numbers.levels import CONTRADICTED
+from ..core.runtime.memory import require_memory
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..findings import Finding
@@ -44,6 +45,9 @@ MAX_MINIMA = 3
 METHODS = ("efficient", "ml")
 # Fields of `Request` that a rig has, in addition to noise and shared errors.
 OPTIONS = ("method", "robust", "seed", "covariance", "sizes", "prior", "correlation")
+# Memory for one number of the rows of a rig, by its peak with 2 cameras and 10,000 poses, and with 8 and 1,000; and
+# numbers of shared errors that are assumed of an arm and of each camera.
+BYTES_PER_NUMBER, ERRORS_OF_ARM, ERRORS_OF_CAMERA = 80, 50, 4
 
 
 def calibrate_rig(
@@ -107,7 +111,15 @@ def _kinds_and_errors(shared: Any) -> tuple[Shared, tuple[SharedError, ...] | No
     return tuple(map(Kind, listed)), None
 
 
+def _require_memory(task: Task) -> None:
+    graph = task.graph
+    errors = ERRORS_OF_ARM * len(task.rig.arms) + ERRORS_OF_CAMERA * len(task.rig.cameras) if task.shared else 0
+    needed = BYTES_PER_NUMBER * 6.0 * graph.E * (graph.p + errors)
+    require_memory(needed, f"A rig of {graph.E:,} views", "Give fewer poses, such as every second row of the files.")
+
+
 def _calibrated(task: Task, noise: NoiseByName | None) -> RigCalibration:
+    _require_memory(task)
     start, kept = start_of(task.graph, int(task.request.seed))
     of_all = None if noise is None else _with_declared(task, given_noise(task.rig, task.graph, noise))
 
@@ -190,7 +202,7 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
     begin: NDArray[np.bool_] | RigFit = count
     for done in range(6):
         sizes = find_sizes(task, at, count, width, theta, whole=False)
-        begin = found = _fitted(task, sizes.noise, at, begin)[0]
+        begin = found = _fitted(task, sizes.noise, at, begin)[0].without_rows
         # a view at the edge must not come and go: from the third round on none comes back
         at, theta, again = found.at, sizes.theta, (found.view_weights > 0.5) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)

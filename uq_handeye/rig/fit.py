@@ -51,8 +51,6 @@ MIN_POSE_WEIGHT = 1e-6
 
 Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
 Shared = bool | Collection[str]
-# Groups of rows that are whitened at once.
-GROUPS_TOGETHER = 1000
 
 
 class Task(NamedTuple):
@@ -128,6 +126,11 @@ class RigFit:
         MIN_CLEAR_EIGENVALUE  # scaled eigenvalue of the information above which nothing is open, as was seen here
     )
     v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
+
+    @property
+    def without_rows(self) -> RigFit:
+        """The fit to go on from: without its rows, most of its memory."""
+        return replace(self, rows=())
 
     @property
     def covariance(self) -> Array:
@@ -278,11 +281,8 @@ def _normal_equations(graph: Graph, noise: RigNoise, rows: list[White]) -> tuple
     size = graph.p + noise.count
     gram = np.zeros((size + 1, size + 1))
     for part in rows:
-        for start in range(0, len(part.A), GROUPS_TOGETHER):  # whitened rows are large, and needed for their sums only
-            some = slice(start, start + GROUPS_TOGETHER)
-            flat = part.half[some] @ np.concatenate([part.A[some], part.residual[some, :, None]], axis=-1)
-            flat = flat.reshape(-1, size + 1)
-            gram += flat.T @ flat
+        flat = part.white.reshape(-1, size + 1)
+        gram += flat.T @ flat
     H, pull = gram[:-1, :-1], gram[:-1, -1]
     np.einsum("ii->i", H)[graph.p :] += 1.0
     return H, pull

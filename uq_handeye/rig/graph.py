@@ -50,8 +50,12 @@ class Sides(NamedTuple):
         return self._replace(X=0.5 * (self.X - other.X), W=0.5 * (self.W - other.W), base=base)
 
 
+# Groups of rows that are made, whitened and summed at once: what is made of them on the way stays small.
+GROUPS_TOGETHER = 1000
+
+
 class Batch(NamedTuple):
-    """Groups of e edges and q robot poses each."""
+    """Groups of e edges and q robot poses each, `GROUPS_TOGETHER` at most."""
 
     edges: Index  # (b, e)
     robots: Index  # (b, q) numbers of measured robot poses
@@ -163,7 +167,7 @@ class Graph:
         order = np.argsort(one, kind="stable")
         if self.P == self.E and np.array_equal(one[order], np.arange(self.P)):  # each view has its own robot pose
             local = [np.where(side[order] < self.P, 0, 1)[:, None] for side in self.side]
-            return (Batch(order[:, None], one[order][:, None], (local[0], local[1])),)
+            return tuple(_in_parts(Batch(order[:, None], one[order][:, None], (local[0], local[1]))))
         order = np.argsort(self.group, kind="stable")
         cuts = np.flatnonzero(np.diff(self.group[order])) + 1
         by_size: dict[tuple[int, int], list[tuple[Index, Index]]] = {}
@@ -176,7 +180,7 @@ class Graph:
             edges, robots = (np.array([of[k] for of in members], dtype=np.intp) for k in (0, 1))
             robots = robots.reshape(len(members), q)
             local = [self._local(side[edges], robots) for side in self.side]
-            found.append(Batch(edges, robots, (local[0], local[1])))
+            found += _in_parts(Batch(edges, robots, (local[0], local[1])))
         return tuple(found)
 
     def _local(self, numbers: Index, robots: Index) -> Index:
@@ -272,6 +276,13 @@ class Graph:
         for local, by_robot in zip(batch.local, sides.robot, strict=True):
             D[group, place, :, local] += by_robot[batch.edges]
         return D[..., :q, :].reshape(b, 6 * e, 6 * q)
+
+
+def _in_parts(batch: Batch) -> list[Batch]:
+    """Return the groups of a batch in parts of `GROUPS_TOGETHER`."""
+    parts = (slice(start, start + GROUPS_TOGETHER) for start in range(0, len(batch.edges), GROUPS_TOGETHER))
+    left, right = batch.local
+    return [Batch(batch.edges[of], batch.robots[of], (left[of], right[of])) for of in parts]
 
 
 def noise_of_robots(D: Array, S: Array) -> Array:

@@ -96,7 +96,7 @@ def fit_robustly(
     limit = largest_by_chance(graph.E + graph.P)
     found: RigFit | None = None
     if isinstance(begin, RigFit):
-        w_e, w_k, found = begin.edge_weights, begin.pose_weights, begin
+        w_e, w_k, found = begin.edge_weights, begin.pose_weights, begin.without_rows
     else:
         w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
     if w_e.all() and w_k.all():
@@ -106,6 +106,7 @@ def fit_robustly(
             return found, far
     at, cleared = start, np.zeros(graph.P, dtype=bool)
     for k in range(40):
+        found = None if found is None else found.without_rows
         found = fit(graph, noise, at, method, w_e, w_k, prior, found)
         at, far = found.at, distances(found)
         worst = _worst(graph, far)

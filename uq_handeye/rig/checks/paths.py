@@ -117,9 +117,7 @@ def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
 
 def _white(found: RigFit) -> list[Array]:
     """Whitened A and residual of each batch (g, d, p + m + 1)."""
-    return [
-        np.concatenate([part.white[..., :-1], part.half @ part.residual[..., None]], axis=-1) for part in found.rows
-    ]
+    return [part.white for part in found.rows]
 
 
 def moments_in_order(rig: Rig) -> list[Hashable]:
