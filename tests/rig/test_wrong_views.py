@@ -1,6 +1,7 @@
 """Rigs with wrong robot rows, wrong or exchanged views: these are left out, and the poses are as accurate as stated."""
 
 import os
+import warnings
 
 import numpy as np
 import pytest
@@ -75,3 +76,24 @@ def test_what_is_wrong_is_left_out(places, n, wrong, count):
             ]
         )
         assert xi @ np.linalg.solve(found.covariance, xi) < chi2.ppf(1 - 1e-4, len(xi))
+
+
+@pytest.mark.slow
+def test_a_camera_of_which_most_poses_are_wrong_is_not_usable():
+    """Its views are rejected, or its noise is named: never usable in silence."""
+    noise = dict.fromkeys(("arm", "left", "right"), ("0.5mrad", "0.3mm"))
+    cameras = {"left": "arm", "right": "arm"}
+    for draw in (2,):  # the noise would explain all views
+        rig, _ = simulate_rig(cameras, {"board": "world"}, n_poses=20, noise=noise, seed=[100, draw])
+        assert not any(one.code == "rig.noisy_camera" for one in uq.calibrate(rig).findings)
+        rng = np.random.default_rng([7, draw])
+        poses = np.array(rig.views[1].poses)
+        for row in rng.choice(20, 14, False):
+            xi = rng.normal(size=(2, 3))
+            xi *= np.array([[np.radians(14)], [0.05]]) / np.linalg.norm(xi, axis=1, keepdims=True)
+            poses[row] = perturb(poses[row][None], xi.reshape(1, 6))[0]
+        views = [rig.views[0], uq.View("right", "board", poses, rig.views[1].at)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = uq.calibrate(uq.Rig(rig.arms, rig.cameras, rig.targets, views))
+        assert not found.usable and "right" in found.reasons[0]

@@ -31,7 +31,11 @@ class BagOptions:
       --bag FILE: ROS bag (.bag, .mcap, .db3 or folder) in place of ROBOT and CAMERA, with --robot and --camera.
         uq-handeye bag lists its content. Repeat it for several.
       bag_camera = --camera FRAMES: Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target),
-        or a topic. Without --bag: NAME=FILE, the poses of one of several cameras. Repeat it for each (rig.md).
+        or a topic. Without --bag: NAME=FILE, the poses of one of several cameras. Repeat it for each (rig.md). Five
+        kinds of options are not for several cameras: published methods with --pairs, --scale and --kind (they solve
+        one A X = X B); --camera-scale (several cameras need one unit); --touches and --with-cross-check (tests of one
+        camera: verify, cross-check); pictures, bags and --offset (rig.toml names those of each camera); --watch (it
+        needs poses of one camera).
       --still: One mean pose pair per stop of --bag, if the robot stops.
     """
 

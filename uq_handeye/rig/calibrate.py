@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -42,6 +42,10 @@ from .weights import Distances, distances, fit_robustly
 MAX_FLICKERING_SHARE = 0.01
 # Minima that are tried before the best of them is taken.
 MAX_MINIMA = 3
+# Poses of a target do not scatter by more (rad); those of a camera of which most are wrong do.
+MAX_NOISE_OF_CAMERA_RAD = 0.05
+# A camera whose noise, in rotation and in translation, is this many times that of another is named.
+MAX_NOISE_RATIO = 10.0
 METHODS = ("efficient", "ml")
 # Fields of `Request` that a rig has, in addition to noise and shared errors.
 OPTIONS = ("method", "robust", "seed", "covariance", "sizes", "prior", "correlation")
@@ -241,6 +245,8 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     fresh = tuple(
         FreshNoise(given_key(side, name), side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S)
     )
+    if spread is not None:  # the noise was estimated
+        findings = (*findings, *_noisy({name: _sizes(S) for side, name, S in own if side == "camera"}))
     return RigCalibration(
         rig, graph.names, found.at, covariance, found.open, found.lever, found.chi_square, float(found.dof),
         task.method, found.edge_weights, far.edges, found.pose_weights, names,
@@ -249,6 +255,21 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
         reference=reference, findings=findings,
         posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
+
+
+def _noisy(sizes: Mapping[str, tuple[float, float]]) -> list[Finding]:
+    """Return a finding for each camera whose noise, per axis (rad, m), is none of poses of a target."""
+    found = []
+    for name, (rotation, translation) in sizes.items():
+        others = [of for other, of in sizes.items() if other != name]
+        ratios = [min(one / least for one, least in zip((rotation, translation), of, strict=True)) for of in others
+                  if min(of) > 0]  # fmt: skip
+        ratio = max(ratios, default=None)
+        wrong = rotation > MAX_NOISE_OF_CAMERA_RAD
+        if wrong or (ratio is not None and ratio > MAX_NOISE_RATIO):
+            values = {"name": name, "rotation": rotation, "translation": translation, "ratio": ratio}
+            found.append(Finding("rig.noisy_camera", "failure" if wrong else "caution", values))
+    return found
 
 
 def _of_priors(task: Task, found: RigFit) -> list[Finding]:

@@ -151,3 +151,17 @@ def _(what: str, one: str, two: str, count: int, sources: Sequence[str]) -> str:
         f"The {what}s {one} and {two} hold the same poses, {count} of them{files}: one file was given for both. Give "
         f"the file of each {what} (--camera NAME=FILE, or `file` of its view in the rig file)."
     )
+
+
+@sentence(
+    "rig.noisy_camera",
+    check=RESIDUALS,
+    phrase=lambda values: f"the noise of {values['name']} is {_by(values['rotation'], values['translation'])}",
+    remedy="look at the file of that camera: most of its poses are wrong, or of other moments",
+)
+def _(name: str, rotation: float, translation: float, ratio: float | None) -> str:
+    others = "" if ratio is None else f", {ratio:.3g} times that of the quietest camera"
+    return (
+        f"The poses by {name} scatter by {_by(rotation, translation)} per axis{others}, as those of a camera of which "
+        "many are wrong. Look at its file, at which robot pose each belongs to, and at its target."
+    )
