@@ -112,8 +112,8 @@ def _placed(grey: NDArray[np.float32], edges: _Edges, inner: Array, outer: Array
     What a profile meets inside and outside of the edge, bits and the rim of the paper, falls outwards.
     """
     reach = np.stack([np.minimum(0.8 * room, 2 * MAX_HALF_PROFILE_PX) for room in (inner, outer)], axis=-1)
-    o = reach[..., :1] * np.linspace(-1, 0, 17)[:-1], reach[..., 1:] * np.linspace(0, 1, 17)
-    o = np.concatenate(o, axis=-1)
+    both = reach[..., :1] * np.linspace(-1, 0, 17)[:-1], reach[..., 1:] * np.linspace(0, 1, 17)
+    o = np.concatenate(both, axis=-1)
     parts = edges.profiles(grey, o).reshape(*o.shape[:2], PARTS, PLACES // PARTS, o.shape[-1]).mean(axis=3)
     # Rise over about two pixels.
     rise = parts[..., 2:] - parts[..., :-2]
