@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
+from studies.one_model.usable import NOISE, drawn
 from uq_handeye.cli.app import main
 from uq_handeye.rig.simulation import simulate_rig
 
 pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
-NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.05deg", "0.3mm"))
 VIEW = ("1mrad", "0.5mm")
 
 
@@ -71,3 +71,16 @@ def test_commands_refuse_a_result_that_is_not_usable(tmp_path, capsys):
         with pytest.raises(SystemExit) as ended:
             main(command)
         assert ended.value.code == 3 and wrong.reasons[0] in capsys.readouterr().err, command
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("kind", ["noise too small", "wrong target size"])
+def test_data_that_contradict_what_was_given_are_not_usable(kind):
+    """Noise a third of the true one, and a target that is 1 % off and declared exact."""
+    for k in range(3):
+        poses, options, _ = drawn(kind, 40 + k)
+        result = uq.calibrate(poses, **options)
+        assert not result.usable and result.headline.startswith("NOT USABLE")
+        right = {"noise": NOISE, "shared": []} if kind == "noise too small" else {}
+        assert uq.calibrate(poses, **right).usable

@@ -419,7 +419,9 @@ def _assembled(
     if estimate is not None:
         of_noise = "diagnostics.noise_too_small"
         findings = [
-            Finding(of_noise, one.severity, {**one.values, "estimated": True}) if one.code == of_noise else one
+            Finding(of_noise, one.severity, {"scale": one.values["scale"], "estimated": True})
+            if one.code == of_noise
+            else one
             for one in findings
         ]
     findings += _of_fit(job, noise, fit, result, wrong_size, (angle, distance))

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
+from scipy.special import erfc
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability, times_of_noise
@@ -86,6 +87,8 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
 def _is_refuted(finding: Finding) -> bool:
     """Return whether a test refutes an assumption, or that two halves have one X, beyond any chance."""
     p = finding.values.get("p_value")
+    if p is None and finding.code == "diagnostics.undeclared":  # each is tested by its estimate
+        p = min(float(erfc(abs(one["estimate"] / one["sd"]) / np.sqrt(2.0))) for one in finding.values["errors"])
     return finding.rejects and finding.record.check in REFUTING and p is not None and p < IMPOSSIBLE.probability
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import bdtrc, chdtrc, chdtri
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import column
@@ -125,8 +125,15 @@ class PoseTable(Record, Shown):
             found.append(Finding("diagnostics.flagged", severity, values | {"worst": worst}))
         if self.scale > 1:
             severity = "failure" if self.scale > GROSS_EXCESS else "caution"
-            found.append(Finding("diagnostics.noise_too_small", severity, {"scale": self.scale}))
+            values = {"scale": self.scale, "p_value": self._p_of_scale}
+            found.append(Finding("diagnostics.noise_too_small", severity, values))
         return found
+
+    @property
+    def _p_of_scale(self) -> float:
+        """Probability that half of the distances are so large if the noise is as given: their median has the scale."""
+        n, least = len(self.counted), float(chdtri(6, 0.5)) * self.scale**2
+        return float(bdtrc(n // 2 - 1, n, chdtrc(6, least)))
 
     @property
     def _of_set(self) -> float:

@@ -408,7 +408,7 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Va
         else "leave the noise out, it is then estimated; or correct it"
     ),
 )
-def _(scale: float, estimated: bool = False) -> str:
+def _(scale: float, estimated: bool = False, p_value: float | None = None) -> str:
     what = "The noise estimated does not explain the poses" if estimated else "The noise given is too small"
     return (
         f"{what}: most residuals are {multiple(scale)} times as large as it explains. Outliers "
