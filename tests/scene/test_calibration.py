@@ -13,7 +13,7 @@ from uq_handeye.core.geometry.se3 import difference, inverse, perturb
 from uq_handeye.findings import Finding
 from uq_handeye.fit.input_checks.row_order import angle_disagreement, find_order
 from uq_handeye.fit.likelihood.screws import scale_by_screws
-from uq_handeye.model.poses.scene_facts import SceneFacts
+from uq_handeye.model.poses.scene_facts import SceneFacts, SceneView
 from uq_handeye.scene import colmap
 from uq_handeye.scene.colmap import Model
 from uq_handeye.scene.estimate import adjusted, lens_findings, lens_sd, measured_poses, pull_of_robot
@@ -35,6 +35,9 @@ def scene(placed):
     lens, sd = found.scene.lens, lens_sd(found)
     values = dict(zip(NAMES, lens.values.tolist(), strict=False))
     facts = SceneFacts(14, found.scene.tracks.m, 110.0, found.noise, values["fx"], float(sd[0]))
+    view = SceneView("img00.png", 320, 240, "QUJD", (10.0, 20.0, 30.5, 40.5))
+    values_of_lens = tuple(lens.values[:8].tolist())
+    facts = replace(facts, lens=values_of_lens, lens_sd=tuple(sd.tolist()), views=(view,))
     return ScenePoses(
         poses,
         found.rows.astype(np.int64),
@@ -163,6 +166,9 @@ def test_the_result_keeps_that_it_is_of_a_scene(scene, tmp_path):
     again = uq.load(tmp_path / "x.json")
     assert again.data.scene == scene.facts and again.camera_scale == found.camera_scale
     assert again.noise_estimate.from_scene and again.noise_estimate.camera_known
+    page = again.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "The scene" in page and "data:image/jpeg;base64,QUJD" in page and "<circle" in page
+    assert "Intrinsics of the model brown that belong to X" in page
 
 
 def test_summary_says_pictures_points_and_lens(scene):

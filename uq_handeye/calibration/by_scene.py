@@ -51,6 +51,7 @@ from ..scene.estimate import (
 )
 from ..scene.lens import NAMES, Lens
 from ..scene.result import ScenePoses
+from ..scene.views import scene_views
 from .calibrate import calibrate
 
 if TYPE_CHECKING:
@@ -156,12 +157,12 @@ class _Run:
         if self.known is not None:
             lens = Lens.of(_size_of(self.paths[0]), self.known)
         seen = colmap.match(self.paths, folder, lens, mask, self.say)
-        share = seen.stationary_share()
         models = colmap.models(seen, lens, self.say)
-        if 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
+        if not seen.weak and 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
             # A gripper may have nearly all of the strong features.
             seen = colmap.match(self.paths, folder, lens, mask, self.say, weak=True)
             models = colmap.models(seen, lens, self.say)
+        share = seen.stationary_share()
         if not models or len(models[0].rows) < 3:
             raise no_scene(seen, self.setup)
         if share > MANY_STATIONARY and self.setup == "eye-in-hand":
@@ -287,8 +288,16 @@ class _Run:
             values = {"names": left, "given": len(seen.names), "least": MIN_POINTS}
             self.findings.append(Finding("scene.left_out", "caution", values))
         facts = _facts(main, len(seen.names), of.get("fx", 0.0))
-        told = facts.to_dict() | {"pictures": main.n, "given": len(seen.names), "scale_sd": scale_sd}
+        same = ("points", "per_picture", "pixel_noise", "focal")
+        told: dict[str, object] = {name: getattr(facts, name) for name in same}
+        told |= {"pictures": main.n, "given": len(seen.names), "scale_sd": scale_sd}
         told["focal_sd"] = of.get("fx")
+        facts = replace(
+            facts,
+            lens=tuple(lens.values[: len(NAMES)].tolist()),
+            lens_sd=tuple(of.get(name, 0.0) for name in NAMES),
+            views=scene_views(main.scene.tracks, [self.paths[row] for row in main.rows]),
+        )
         self.findings.append(Finding("scene.found", "note", told))
         return ScenePoses(
             poses,

@@ -23,12 +23,14 @@ from ..calibration.report.points_ahead import ahead
 from ..calibration.report.residuals import pair_table, pose_table
 from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..calibration.statement.checks import not_included
-from ..core.formatting.numbers import concise, fixed
+from ..core.formatting.numbers import concise, digits, fixed
 from ..core.geometry.conventions import CONVENTION
 from ..core.numbers.limits import MAX_LISTED, MAX_NAMED, MAX_PRINTED_ROWS, MIN_SHOWN_CORRELATION
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
 from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.poses.scene_facts import SceneView
+from ..scene.lens import NAMES as LENS_NAMES
 from ..trials.validation.cross_check.text import state, verdict
 from .budget import gum_table
 from .comparison.text import methods_table
@@ -319,6 +321,39 @@ def camera_sections(result: Calibration) -> list[Section]:
     return [folded("camera", "The camera", said, Table(caption, ["parameter", "value"], rows), shares, warned)]
 
 
+def scene_sections(result: Calibration) -> list[Section]:
+    """One section on the pictures of a scene, or none where there were none."""
+    poses = poses_of(result)
+    facts = None if poses is None else poses.scene
+    if poses is None or facts is None:
+        return []
+    said = (
+        f"No board: the camera poses come from {facts.points:,} points of a scene that stands still, found in the same "
+        f"{poses.n} of {facts.pictures} pictures, {facts.per_picture:,.0f} in a picture, with a pixel noise of "
+        f"{digits(facts.pixel_noise, 2)} px. Their scale is that of the robot."
+    )
+    scale = next((str(one) for one in result.findings if one.code == "calibration.scene_scale"), "")
+    rows = [
+        [name, concise(value, sd) if sd else f"{value:.7g}, given"]
+        for name, value, sd in zip(LENS_NAMES, facts.lens, facts.lens_sd, strict=False)
+    ]
+    caption = "Intrinsics of the model brown that belong to X, with one standard deviation in brackets"
+    table = Table(caption, ["parameter", "value"], rows) if rows else None
+    return [folded("scene", "The scene", Paragraph(f"{said} {scale}".strip()), table, *map(_drawn, facts.views))]
+
+
+def _drawn(view: SceneView) -> Drawing:
+    """Return a picture of the scene with its points."""
+    xy = zip(view.at[::2], view.at[1::2], strict=True)
+    dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.6" fill="none" stroke="#ffb000"/>' for x, y in xy)
+    svg = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {view.width} {view.height}" width="{view.width}">'
+        f'<image href="data:image/jpeg;base64,{view.jpeg}" width="{view.width}" height="{view.height}"/>{dots}</svg>'
+    )
+    caption = f"{view.name}, with some of the points of the scene that it shows."
+    return Drawing(f"scene-{view.name}", svg, f"Picture {view.name} with points of the scene", caption, small=True)
+
+
 def shares_words(result: Calibration) -> str:
     """State the shares of the variance of X from the intrinsics and from the corners; empty where they are unknown."""
     if not result.has_budget or (ErrorKey(Owner.CAMERA, Kind.SHARED),) not in result.budget.keys:
@@ -401,6 +436,7 @@ def folded_sections(
         shared_section(result, drawings),
         task_space_section(result, drawings),
         *camera_sections(result),
+        *scene_sections(result),
         observability_section(result),
         noise_section(result),
         covariances_section(result),

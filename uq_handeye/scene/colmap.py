@@ -25,8 +25,8 @@ from .adjust import Scene
 from .lens import Lens
 from .tracks import Tracks
 
-# SIFT: features of a picture at most, and the threshold of their contrast where pictures have few.
-MAX_FEATURES, FEW_FEATURES, WEAK_PEAK = 4096, 500, 0.0015
+# SIFT: features of a picture at most, also with weak ones; a number that is few; least contrast of weak ones.
+MAX_FEATURES, WEAK_FEATURES, FEW_FEATURES, WEAK_PEAK = 4096, 8192, 500, 0.0015
 # Pictures up to this number are matched each with each; more only with their neighbours, so many to both sides.
 MAX_EXHAUSTIVE, NEIGHBOURS = 80, 15
 # Matches that move by less, in pixels, belong to what stands still in the picture.
@@ -72,6 +72,7 @@ class Matched:
     image_size: tuple[int, int]
     features: NDArray[np.intp]  # (n,)
     ids: NDArray[np.intp]  # (n,) of the pictures in the database
+    weak: bool  # whether features of low contrast were looked for
 
     @property
     def database(self) -> Path:
@@ -171,7 +172,7 @@ def _features(
         old.unlink()
     options = module.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
-    options.sift.max_num_features = MAX_FEATURES
+    options.sift.max_num_features = most = WEAK_FEATURES if weak else MAX_FEATURES
     options.sift.first_octave = -1 if weak else 0
     if weak:
         options.sift.peak_threshold = WEAK_PEAK
@@ -199,23 +200,23 @@ def _features(
                 "not that of the first picture. Remove it, with its robot pose."
             )
         ids = np.array([images[name] for name in names], dtype=np.intp)
-        _keep_largest(database, ids.tolist())
+        _keep_largest(database, ids.tolist(), most)
         counts = np.array([database.num_keypoints_for_image(int(id)) for id in ids], dtype=np.intp)
         camera = database.read_all_cameras()[0]
-    return Matched(folder, root, tuple(names), (int(camera.width), int(camera.height)), counts, ids)
+    return Matched(folder, root, tuple(names), (int(camera.width), int(camera.height)), counts, ids, weak)
 
 
-def _keep_largest(database: Any, ids: Sequence[int]) -> None:
+def _keep_largest(database: Any, ids: Sequence[int], most: int) -> None:
     """Keep the largest features of each picture: COLMAP fills up an octave beyond the number asked for."""
-    if all(database.num_keypoints_for_image(id) <= MAX_FEATURES for id in ids):
+    if all(database.num_keypoints_for_image(id) <= most for id in ids):
         return
     descriptors = [database.read_descriptors(id) for id in ids]
     database.clear_descriptors()  # they cannot be replaced one by one
     for id, one in zip(ids, descriptors, strict=True):
         features = database.read_keypoints(id)
-        if len(features) > MAX_FEATURES:
+        if len(features) > most:
             size = np.abs(features[:, 2] * features[:, 5] - features[:, 3] * features[:, 4])  # of the affine shape
-            kept = np.sort(np.argsort(-size, kind="stable")[:MAX_FEATURES])
+            kept = np.sort(np.argsort(-size, kind="stable")[:most])
             one.data = one.data[kept]
             database.update_keypoints(id, features[kept])
         database.write_descriptors(id, one)
