@@ -23,12 +23,13 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.fit.empirical_covariance import sandwich as by_influence
-from uq_handeye.fit.empirical_covariance.resampled import KINDS, OfMethod, resampled
+from uq_handeye.fit.empirical_covariance.resampled import OfMethod, resampled
 from uq_handeye.fit.empirical_covariance.sandwich import influence_of, of_known
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.reference import Reference
 from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.fit.one_model.request import OF_RESIDUALS as KINDS
 from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs

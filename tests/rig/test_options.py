@@ -8,7 +8,7 @@ from fixtures.commands import run
 
 import uq_handeye as uq
 from uq_handeye.cli.values import by_names
-from uq_handeye.core.geometry.se3 import difference
+from uq_handeye.core.geometry.se3 import difference, perturb
 from uq_handeye.rig.calibrate import calibrate_rig, update_rig
 from uq_handeye.rig.selection import selected
 from uq_handeye.rig.simulation import simulate_rig, with_noise
@@ -171,3 +171,29 @@ def test_options_on_the_command_line(tmp_path):
     ):
         refused = run(*cameras, *args, cwd=tmp_path)
         assert refused.returncode == 2 and said in refused.stderr, (args, refused.stderr)
+
+
+@pytest.mark.slow
+def test_an_arm_of_a_rig_by_its_joints_on_the_command_line(tmp_path):
+    """Two cameras on a UR5e: joints in place of poses, the poses by inverse kinematics, points predicted at joints."""
+    chain, rng = uq.Kinematics.from_name("ur5e"), np.random.default_rng(SEED)
+    q = np.array([0.3, -1.4, 1.6, -1.2, -1.5, 0.2]) + 0.35 * rng.normal(size=(15, 6))
+    X, W = np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])
+    X[:3, 3], W[:3, 3] = (0.05, 0.0, 0.08), (0.6, 0.2, -0.1)
+    robot = chain.poses(q)
+    seen = np.linalg.inv(robot @ X) @ W
+    for name in ("left", "right"):
+        uq.write_pose_file(tmp_path / f"{name}.csv", perturb(seen, 3e-4 * rng.normal(size=(15, 6))))
+    uq.write_pose_file(tmp_path / "robot.csv", robot)
+    head = ",".join(["timestamp", *chain.names])
+    rows = [",".join(map(str, [float(k), *row])) for k, row in enumerate(q.tolist())]
+    (tmp_path / "joints.csv").write_text("\n".join([head, *rows, ""]))
+    cameras = ["--camera", "left=left.csv", "--camera", "right=right.csv", "--robot-model", "ur5e"]
+    for args in (["--joints", "joints.csv", "-o", "out"], ["robot.csv", "--kinematics", "declared"]):
+        found = run("calibrate", *args, *cameras, cwd=tmp_path)
+        assert found.returncode == 0, found.stderr
+    result = uq.load(tmp_path / "out" / "rig.json")
+    assert (np.abs(difference(result.cameras["left"].pose, X)) < 5 * result.cameras["left"].std).all()
+    assert result.rig.arms["arm"].kinematics is not None
+    found = run("predict", "out/rig.json", "--of", "left", "--point", "0,0,0.3", "--joints", "joints.csv", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr

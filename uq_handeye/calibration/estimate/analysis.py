@@ -23,10 +23,11 @@ from ...fit.diagnostics.budget import Budget, budget, by_posterior, with_types
 from ...fit.diagnostics.diagnose import diagnose
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf, split_fit
-from ...fit.empirical_covariance.resampled import KINDS, resampled
+from ...fit.empirical_covariance.resampled import resampled
 from ...fit.likelihood.gauss_helmert import Fit
 from ...fit.likelihood.shared_estimates import of_moves
 from ...fit.one_model.points import OpenSizes
+from ...fit.one_model.request import OF_RESIDUALS
 from ...model.error_terms.estimate import ErrorEstimate, resolved_share
 from ...model.error_terms.key import ErrorKey, Kind
 from ...model.error_terms.keys import DRIFTS
@@ -256,7 +257,7 @@ class Analysis(Record):
     def _covariances(self) -> tuple[dict[str, Array | None], dict[str, str]]:
         found: dict[str, Array | None] = {"model": self.fit.covariance_X}
         reasons: dict[str, str] = {}
-        for kind in KINDS:
+        for kind in OF_RESIDUALS:
             if self.fit.open is not None:
                 found[kind], reasons[kind] = None, "The motions leave a part of X open."
                 continue

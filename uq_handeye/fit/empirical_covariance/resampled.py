@@ -30,7 +30,7 @@ from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.constraint import OnMotions, OnPoses, Unknowns
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
-from ..one_model.request import OF_RESIDUALS as KINDS
+from ..one_model.request import OF_RESIDUALS
 from .sandwich import JOINT, Influence, influence_of, of_known, pooled_influence
 
 
@@ -38,7 +38,7 @@ from .sandwich import JOINT, Influence, influence_of, of_known, pooled_influence
 class Resampled(ReadOnlyArrays):
     """A covariance of X and W from the data only; see the module."""
 
-    kind: str  # one of KINDS
+    kind: str  # one of OF_RESIDUALS
     # (p, p) of (xi_X, xi_W), p = 12; of xi_X, p = 6, where there is no W. Regular on the whole if clusters > p.
     covariance: Array
     clusters: int
@@ -106,8 +106,8 @@ def resampled(
     >>> found.clusters, found.covariance_X.shape
     (40, (6, 6))
     """
-    if kind not in KINDS:
-        raise InputError(f"Expected `kind` to be one of {', '.join(KINDS)}, got {kind!r}.")
+    if kind not in OF_RESIDUALS:
+        raise InputError(f"Expected `kind` to be one of {', '.join(OF_RESIDUALS)}, got {kind!r}.")
     known = (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS)
     if method not in known:
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
