@@ -185,6 +185,10 @@ def tracks() -> str:
     rows = []
     for name, lines in of_scenes()["tracks"].items():
         row = [TRACKS[name].words, str(len(lines))]
+        opened = sum("calibration.open" in line["defaults"]["cautions"] for line in lines)
+        if opened:
+            rows.append([*row, "", "", "", f"NOT USABLE, a direction is open: {opened} of {len(lines)}", "", ""])
+            continue
         for way in ("exact", "defaults"):
             found = [line[way] for line in lines if way in line]
             d2 = sum(one["d2"] for one in found) / len(found)

@@ -202,7 +202,9 @@ def of_pictures(name: str, full: bool) -> list[dict[str, Any]]:
         for draw in range(ROBOT_DRAWS if full else 1):
             pairs = found.pairs
             if draw:
-                again = with_noise(made.base_T_gripper, np.random.default_rng([SEED, 7, draw]))
+                again = made.robot.copy()
+                kept = np.arange(made.kind.n) != made.kind.wrong  # a wrong pose stays
+                again[kept] = with_noise(made.base_T_gripper, np.random.default_rng([SEED, 7, draw]))[kept]
                 pairs = replace(pairs, robot=again[found.rows])
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", uq.InputWarning)
