@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -38,10 +37,8 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
         number.append(Paragraph(suits))
     if (limit := limit_of(result)) is not None:
         number.append(Paragraph(limit))
-    if result.reasons and (
-        also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values())
-    ):
-        number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
+    if also := _further_reasons(result):
+        number.append(Paragraph(f"Also: {'; '.join(also)}."))
     if (step := advice(result)) is not None:
         number.append(Paragraph(f"Next: {step}."))
     checks, subject = Checks.of(result.checks), result.facts.subject
@@ -57,6 +54,16 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
         _before_and_after(result) if result.split else Section("x", title, [X]),
         Section("ahead", "A point in front of the camera", _point_blocks(result)),
     ]
+
+
+def _further_reasons(result: Calibration) -> list[str]:
+    """Return the reasons beside that of the headline, of findings of one kind the first."""
+    firsts: dict[str, str] = {}
+    for one in result.refuting:
+        firsts.setdefault(one.code, one.phrase)
+    of_findings = {one.phrase for one in result.refuting}
+    others = [reason for reason in result.reasons if reason not in of_findings]
+    return [*firsts.values(), *others][1:]
 
 
 def _before_and_after(result: Calibration) -> Section:

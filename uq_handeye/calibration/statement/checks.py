@@ -315,11 +315,16 @@ class Checked(Estimated):
                 checks.append(Check(name, "not run", "after the input") if misread else _without_findings(name, self))
         return tuple(checks)
 
+    @property
+    def refuting(self) -> tuple[Finding, ...]:
+        """Findings that make X unusable, the decisive one first: failures, then assumptions that a test refutes."""
+        failures = [one for one in _in_order(self.cautions) if one.severity == "failure"]
+        return (*failures, *(one for one in self.cautions if one.severity != "failure" and _is_refuted(one)))
+
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why X cannot be used, the decisive one first; empty where it can."""
-        found = list(failures_in_words(self.cautions))
-        found += [one.phrase for one in self.cautions if one.severity != "failure" and _is_refuted(one)]
+        found = list(dict.fromkeys(one.phrase for one in self.refuting))
         if self.table is not None and len(self.table.counted) < MIN_MANY_POSES:
             rejected, n = len(self.table.rejected), len(self.table.counted)
             if rejected > MAX_REJECTED_OF_FEW * n:  # of few poses as many as are left may agree on a wrong X by chance
