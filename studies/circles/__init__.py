@@ -27,7 +27,7 @@ from studies.camera_covariance import error, transforms
 from studies.common.pictures import Camera, picture
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.presentation.colours import BLUE, GRID, ORANGE, PURPLE
+from uq_handeye.core.presentation.colours import BLUE, ORANGE, PURPLE, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.input_checks.board_rotation import resolve_board_rotation
@@ -43,6 +43,7 @@ SQUARES = uq.Board(7, 5, 0.025)
 POSES, SETS, FULL = 20, 1, 5
 LEVELS = (2.0, 10.0)  # standard deviations of the noise, grey levels
 BLUR = 0.7  # pixels
+SHOWN_MM = (1e-3, 1e-1)  # errors of X from discs in the figure
 RIM = 20  # pixels that all points keep from it
 WAYS = {
     "discs": "discs",
@@ -183,8 +184,8 @@ def figures(tables: Tables) -> Mapping[str, Any]:
         part = table[table["level"] == level]
         for way, colour in colours.items():
             axis.loglog(part["discs_mm"], part[f"{way}_mm"], "o", color=colour, markersize=3.5, label=WAYS[way])
-        ends = [float(part["discs_mm"].min()), float(part["discs_mm"].max())]
-        axis.loglog(ends, ends, color=GRID, linewidth=0.8)
+        axis.loglog(SHOWN_MM, SHOWN_MM, color=QUIET, linewidth=0.8)
+        axis.set_xlim(*SHOWN_MM)
         axis.set_xlabel("error of X from discs, mm", fontsize=TEXT)
         axis.set_title(f"noise {level:g} grey levels", fontsize=TEXT)
     axes[0].set_ylabel("error of X, mm", fontsize=TEXT)
