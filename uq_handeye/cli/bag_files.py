@@ -33,9 +33,9 @@ class BagOptions:
       bag_camera = --camera FRAMES: Camera poses of --bag: frames such as camera:tag36h11_0 (optical frame and target),
         or a topic. Without --bag: NAME=FILE, the poses of one of several cameras. Repeat it for each (rig.md). Five
         kinds of options are not for several cameras: published methods with --pairs, --scale and --kind (they solve
-        one A X = X B); --camera-scale (several cameras need one unit); --touches and --with-cross-check (tests of one
-        camera: verify, cross-check); pictures, bags and --offset (rig.toml names those of each camera); --watch (it
-        needs poses of one camera).
+        one A X = X B); --camera-scale (several cameras need one unit); --touches, --with-cross-check and --watch
+        (they are of one camera: verify, cross-check); pictures, bags and --offset (rig.toml names those of each
+        camera); --correlation (steps of cameras and targets are tested, drifts are not estimated).
       --still: One mean pose pair per stop of --bag, if the robot stops.
     """
 

@@ -30,15 +30,16 @@ if TYPE_CHECKING:
 NOT_FOR_RIGS = {
     "published methods solve one A X = X B; compare RESULT --camera NAME has them": ("--pairs", "--scale", "--kind"),
     "the poses of several cameras need one unit": ("--camera-scale",),
-    "a test of one camera: verify or cross-check RESULT --camera NAME": (
+    "they are of one camera: verify or cross-check RESULT --camera NAME, --watch on its files": (
         "--touches", "--tcp-sd", "--point-sd", "--tool", "--tool-sd", "--with-cross-check",
+        "--watch", "CAMERA",
     ),
     "a rig file (rig.toml) names corners, bags and clock offsets of each camera": (
         "--images", "--board", "--square", "--pattern", "--spacing", "--marker", "--diameter", "--dictionary",
         "--first-id", "--camera-matrix", "--tag", "--pixel-noise", "--model", "--coefficients", "--intrinsics", "--roi",
         "--board-shape", "--bag", "--still", "--offset", "--image-size", "--camera-convention",
     ),
-    "it needs poses of one camera": ("--watch", "CAMERA"),
+    "steps of cameras and targets are tested, drifts are not estimated": ("--correlation",),
 }  # fmt: skip
 
 
@@ -178,6 +179,10 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
             "rig.txt": text,
             "report.html": html,
         }
+        if outputs.figures:
+            from ..rig.page import rig_sketch
+
+            files["rig.svg"] = rig_sketch(result).svg
         with timed(f"writing {output}"):
             written = deliver(output, files)
     if outputs.report is not None:
