@@ -46,16 +46,16 @@ def sds(folder, *options):
         ([], ALL),
         (["--shared", "defaults"], ALL),
         (["--shared", "none"], {}),
-        (["--focal-sd", "0.3%"], ALL | {"focal length": 3e-3}),
-        (["--focal-sd", "none"], ALL | {"focal length": 0.0}),
+        (["--shared", "focal length=0.3%"], ALL | {"focal length": 3e-3}),
+        (["--shared", "focal length=none"], ALL | {"focal length": 0.0}),
         (
-            ["--principal-point-sd", "0.002", "--robot-scale-sd", "0.01%"],
+            ["--shared", "principal point=0.002", "--shared", "robot scale=0.01%"],
             ALL | {"principal point x": 2e-3, "principal point y": 2e-3, "robot scale": 1e-4},
         ),
         (["--target-scale-sd", "exact"], ALL | {"target scale": 0.0}),
-        (["--shared", "none", "--focal-sd", "0.1%"], {"focal length": 1e-3}),
+        (["--shared", "none", "--shared", "focal length=0.1%"], {"focal length": 1e-3}),
         (["--noise", "shared.toml"], ALL | {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
-        (["--noise", "shared.toml", "--focal-sd", "0.2%", "--shared", "none"],
+        (["--noise", "shared.toml", "--shared", "focal length=0.2%", "--shared", "none"],
          {"focal length": 2e-3, "principal point x": 0, "principal point y": 0}),
         (["--robot-accuracy", "0.5mm,0.05deg"], DEFAULTS | {"robot accuracy": "0.5 mm, 0.05 deg"}),
         (["--robot-accuracy", "0.05deg, 0.5mm"], DEFAULTS | {"robot accuracy": "0.5 mm, 0.05 deg"}),
@@ -63,11 +63,11 @@ def sds(folder, *options):
         (["--robot-class", "cobot"], DEFAULTS | {"robot accuracy": "2 mm"}),
         ([*NOISE, "--robot-class", "calibrated"], {"robot accuracy": "0.15 mm"}),
         (NOISE, {}),
-        ([*NOISE, "--focal-sd", "0.3%"], {"focal length": 3e-3}),
+        ([*NOISE, "--shared", "focal length=0.3%"], {"focal length": 3e-3}),
         ([*NOISE, "--noise", "shared.toml"], {"focal length": 5e-3, "principal point x": 0, "principal point y": 0}),
-        ([*NOISE[:2], "--focal-sd", "0.3%"], DEFAULTS | {"focal length": 3e-3}),
+        ([*NOISE[:2], "--shared", "focal length=0.3%"], DEFAULTS | {"focal length": 3e-3}),
         (
-            [*VIEWS, "--principal-point-sd", "2px"],
+            [*VIEWS, "--shared", "principal point=2px"],
             {"target scale": 3e-4, "principal point x": 2e-3, "principal point y": 2e-3} | ASSUMED,
         ),
     ],
@@ -79,7 +79,7 @@ def test_which_apply(folder, options, expected):
 
 def test_they_are_in_the_covariance(folder):
     poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
-    found = json.loads(run("calibrate", *BOTH, *NOISE, "--focal-sd", "1%", "--json", cwd=folder).stdout)
+    found = json.loads(run("calibrate", *BOTH, *NOISE, "--shared", "focal length=1%", "--json", cwd=folder).stdout)
     expected = uq.calibrate(poses, noise=MODEL, shared=[uq.SharedError.focal_length("1%")])
     np.testing.assert_allclose(found["covariance"], expected.covariance, rtol=1e-10)
     assert np.trace(expected.covariance) > 1.1 * np.trace(uq.calibrate(poses, noise=MODEL).covariance)
@@ -103,11 +103,11 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         assert found.returncode in (None, 0), found.stderr
         return found.stdout
 
-    assert deviations("--shared", "none") != deviations("--shared", "none", "--focal-sd", "3%")
+    assert deviations("--shared", "none") != deviations("--shared", "none", "--shared", "focal length=3%")
     once = json.loads(
-        run("calibrate", *BOTH, *given, "--shared", "none", "--focal-sd", "3%", "--json", cwd=folder).stdout
+        run("calibrate", *BOTH, *given, "--shared", "none", "--shared", "focal length=3%", "--json", cwd=folder).stdout
     )
-    found = json.loads(deviations("--shared", "none", "--focal-sd", "3%"))
+    found = json.loads(deviations("--shared", "none", "--shared", "focal length=3%"))
     if command == "plan":
         np.testing.assert_allclose(found["before"]["std"], np.sqrt(np.diag(once["covariance"])), rtol=1e-3)
     if command == "compare":
@@ -120,17 +120,20 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
-        (["--focal-sd", "0.1"], ["--focal-sd", "unit", "%", "'0.1'"]),
-        (["--focal-sd", "-1%"], ["--focal-sd", ">= 0", "-1%"]),
-        (["--focal-sd", "nan%"], ["--focal-sd", "nan%"]),
+        (["--shared", "focal length=0.1"], ["--shared 'focal length=0.1'", "unit", "%", "'0.1'"]),
+        (["--shared", "focal length=-1%"], ["--shared 'focal length=-1%'", ">= 0", "-1%"]),
+        (["--shared", "focal length=nan%"], ["--shared", "nan%"]),
         (["--target-scale-sd", "1mm"], ["--target-scale-sd", "mm"]),
-        (["--robot-scale-sd", "much"], ["--robot-scale-sd", "'much'"]),
-        (["--principal-point-sd", "1px"], ["--principal-point-sd", "focal length in pixels"]),
-        (["--offset-sd", "1"], ["--offset-sd", "unit", "ms"]),
+        (["--shared", "robot scale=much"], ["--shared", "'much'"]),
+        (["--shared", "principal point=1px"], ["--shared", "focal length in pixels"]),
+        (["--shared", "clock offset=1"], ["--shared", "unit", "ms"]),
         (["--robot-accuracy", "0.5mm,0.05deg,1"], ["--robot-accuracy", "0.5mm,0.05deg", "'0.5mm,0.05deg,1'"]),
         (["--robot-accuracy", "0.5,0.05deg"], ["--robot-accuracy", "unit", "mm"]),
         (["--robot-accuracy", "-1mm,0.05deg"], ["--robot-accuracy", ">= 0"]),
         (["--shared", "some"], ["--shared", "defaults, none", "'some'"]),
+        (["--shared", "focal=1%"], ["--shared", "focal length, principal point", "'focal'"]),
+        (["--shared", "focal length=1%", "--shared", "focal length=2%"], ["--shared", "focal length once"]),
+        (["--shared", "target scale=1%", "--target-scale-sd", "2%"], ["--target-scale-sd both declare"]),
         (["--size", "robot accuracy"], ["--size", "NAME=SIZE", "'robot accuracy'"]),
         (["--size", "robot acuracy=0.3mm"], ["--size", "'robot acuracy'", "Near it: robot accuracy"]),
         (["--size", "robot accuracy=0.3"], ["--size", "robot accuracy", "unit"]),
@@ -140,7 +143,7 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--size", "robot accuracy=0mm"], ["'robot accuracy'", "above 0"]),
         (["--size", "pixel noise=0.2px"], ["'pixel noise'"]),  # of no error of these poses
         ([*NOISE, "--size", "robot accuracy=0.3mm"], ["nothing is estimated"]),
-        (["--pair", "async", "--offset", "0,0.001", "--offset-sd", "1ms"], ["twice", "--offset-sd"]),
+        (["--pair", "async", "--offset", "0,0.001", "--shared", "clock offset=1ms"], ["twice", "--shared"]),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -175,9 +178,9 @@ def test_offset_needs_times(folder):
     untimed = folder / "untimed.npz"
     poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
     np.savez(untimed, robot=poses.robot, camera=poses.camera)
-    found = run("calibrate", untimed, *NOISE, "--offset-sd", "1ms")
+    found = run("calibrate", untimed, *NOISE, "--shared", "clock offset=1ms")
     assert found.returncode == 2 and "timestamps" in found.stderr
-    assert run("calibrate", untimed, *NOISE, "--offset-sd", "none").returncode in (None, 0)
+    assert run("calibrate", untimed, *NOISE, "--shared", "clock offset=none").returncode in (None, 0)
 
 
 @pytest.mark.slow
@@ -186,7 +189,7 @@ def test_offset_of_streams_takes_the_place_of_the_one_estimated(tmp_path, rng, s
     *_, robot, camera = streams(rng, motion(rng, 6.0), 0.02, 6.0)
     for name, stream in (("robot.csv", robot), ("camera.csv", camera)):
         write_pose_file(tmp_path / name, stream.poses, stream.timestamps)
-    found = run("calibrate", *BOTH, "--pair", "async", *NOISE, "--offset-sd", sd, "--json", cwd=tmp_path)
+    found = run("calibrate", *BOTH, "--pair", "async", *NOISE, "--shared", f"clock offset={sd}", "--json", cwd=tmp_path)
     result = json.loads(found.stdout)
     assert result["time_offset"]["std"] == expected and result["shared"] == []
 

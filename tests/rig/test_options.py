@@ -155,7 +155,7 @@ def test_options_on_the_command_line(tmp_path):
         ["--exclude", "3,left:5-7", "--covariance", "sandwich"],
         ["--camera-noise", "left:0.5mrad,0.3mm;1mrad,0.6mm", "--robot-noise", "0.5mrad,0.3mm"],
         ["--robot-noise", "0.5mrad,0.3mm"],
-        ["--target-scale-sd", "exact", "--focal-sd", "left:0.01%", "--robot-class", "cobot"],
+        ["--target-scale-sd", "exact", "--shared", "focal length=left:0.01%", "--robot-class", "cobot"],
         ["--size", "left:camera rotation=0.5mrad", "--shared", "none"],
         ["--known", "target x = 0mm +- 1m", "--known", "left z = 50mm +- 1m"],
     ):
@@ -165,7 +165,7 @@ def test_options_on_the_command_line(tmp_path):
         (["--images", "*.png"], "a rig file (rig.toml) names corners"),
         (["--camera-scale", "unknown"], "need one unit"),
         (["--method", "park"], "published methods solve one A X = X B"),
-        (["--focal-sd", "lef:1%"], "none of left, right"),
+        (["--shared", "focal length=lef:1%"], "none of left, right"),
         (["--prior-x", "x.yaml"], "which of left, right"),
         (["--robot-noise", "left:1mrad,1mm"], "which is none of arm"),
     ):

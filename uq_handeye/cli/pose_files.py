@@ -290,9 +290,9 @@ class PoseFiles(StreamFiles):
             files = self if arm is None else self._with_arm(arm, pictures is not None)
             if files.robot is None and (arm is None or not arm.by_joints):
                 raise missing_robot()
-        if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
+        if self.offset is not None and "," in self.offset and "clock offset" in given.shared.declared:
             raise InputError(
-                f"The standard deviation of the offset is given twice, by --offset {self.offset} and --offset-sd. Give "
+                f"The standard deviation of the offset is given twice, by --offset {self.offset} and --shared. Give "
                 "one of them."
             )
         noise: Any

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import InputError, require_one_of
 from .names import ACCURACY_CLASSES
 from .values import by_names, naming_option, one_of
 
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from ..rig.description import Rig
     from .views import Views
 
-# Values of --shared.
+# Values of --shared without a standard deviation, and the errors that it takes one of.
 DEFAULTS = ("defaults", "none")
+ERRORS = ("focal length", "principal point", "target scale", "robot scale", "clock offset")
 
 
 @dataclass(frozen=True)
@@ -25,28 +26,37 @@ class SharedOptions:
     """Options of the errors that all poses share.
 
     Options (Shared errors):
-      --shared NAME <DEFAULTS>: Shared errors that are not declared: defaults or none. defaults, for camera poses
-        without corners and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.03% (within a
-        factor of 4), lens, view and robot accuracy. Default: defaults.
-      --focal-sd SD: Relative standard deviation of the focal length, e.g. 0.1%, or exact. Default: by --shared.
-      --principal-point-sd SD: Standard deviation of the principal point per axis, relative to the focal length, e.g.
-        0.001; in pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.
-      --target-scale-sd SD: Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.
-      --robot-scale-sd SD: Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.
+      --shared NAME=SD: Standard deviation of an error that all poses share, or exact, e.g. 'focal length=0.1%'. Names:
+        {ERRORS}; the principal point per axis over the focal length, e.g. 0.001, or in pixels, 1px; the clock offset
+        e.g. 1ms. none: no errors but those declared. Default, for camera poses without corners and estimated noise:
+        focal length 0.1%, principal point 0.001, target scale 0.03% (within a factor of 4), lens, view and robot
+        accuracy.
+      --target-scale-sd SD: Relative standard deviation of the target size, e.g. 0.02%, or exact, as by --shared.
       * --robot-accuracy MM[,DEG]: Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS
         over the workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class
         says. Default: 0.6 mm.
-      --offset-sd SD: Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.
     """
 
-    shared: str | None = None
-    focal_sd: str | None = None
-    principal_point_sd: str | None = None
+    shared: list[str] | None = None
     target_scale_sd: str | None = None
-    robot_scale_sd: str | None = None
     robot_accuracy: str | None = None
-    offset_sd: str | None = None
     robot_class: str | None = None
+
+    @property
+    def declared(self) -> dict[str, str]:
+        """Return the standard deviations of --shared by name; raises `InputError` for another name."""
+        found: dict[str, str] = {}
+        for text in self.shared or ():
+            name, given, sd = (part.strip() for part in text.partition("="))
+            if not given:
+                one_of(name, "--shared", (*DEFAULTS, *(f"'{error}=SD'" for error in ERRORS)))
+                continue
+            with naming_option("--shared"):
+                require_one_of("a name", name, ERRORS)
+            if name in found:
+                raise InputError(f"--shared: expected {name} once, got {found[name]} and {sd}.")
+            found[name] = sd
+        return found
 
     def errors(
         self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
@@ -72,7 +82,7 @@ class SharedOptions:
                 raise InputError("--robot-class and --robot-accuracy both give the accuracy. Remove one of them.")
             accuracy = assumed_accuracy(one_of(self.robot_class, "--robot-class", ACCURACY_CLASSES))
             declared[accuracy.name] = replace(accuracy, default=False)
-        none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
+        none = "none" in (self.shared or ())
         if not declared and not none:
             return None
         if noise is not None and noise.ITEM == "motion" and declared:
@@ -89,13 +99,20 @@ class SharedOptions:
         def principal_point(sd: str) -> SharedError:
             return SharedError.principal_point(sd, focal_length_px=focal_length_px)
 
+        declared = self.declared
+        if self.target_scale_sd is not None and "target scale" in declared:
+            raise InputError("--shared and --target-scale-sd both declare the target scale. Remove one of them.")
+        makers: dict[str, tuple[Callable[..., SharedError], str]] = {
+            "focal length": (SharedError.focal_length, "camera"),
+            "principal point": (principal_point, "camera"),
+            "target scale": (SharedError.target_scale, "target"),
+            "robot scale": (SharedError.robot_scale, "arm"),
+            "clock offset": (SharedError.clock_offset, "arm"),
+        }
         return [
-            ("--focal-sd", self.focal_sd, SharedError.focal_length, "camera"),
-            ("--principal-point-sd", self.principal_point_sd, principal_point, "camera"),
-            ("--target-scale-sd", self.target_scale_sd, SharedError.target_scale, "target"),
-            ("--robot-scale-sd", self.robot_scale_sd, SharedError.robot_scale, "arm"),
+            *((f"--shared '{name}={sd}'", sd, *makers[name]) for name, sd in declared.items()),
+            ("--target-scale-sd", self.target_scale_sd, *makers["target scale"]),
             ("--robot-accuracy", self.robot_accuracy, SharedError.robot_accuracy, "arm"),
-            ("--offset-sd", self.offset_sd, SharedError.clock_offset, "arm"),
         ]
 
     def errors_of_rig(self, rig: "Rig", file: Path | None) -> "list[SharedError] | None":
@@ -117,7 +134,7 @@ class SharedOptions:
                 continue  # of the errors of its chain
             accuracy = assumed_accuracy(one_of(value, "--robot-class", ACCURACY_CLASSES)).of(name)
             declared[accuracy.key] = replace(accuracy, default=False)
-        none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
+        none = "none" in (self.shared or ())
         if not declared:
             return [] if none else None
         return replace_defaults(declared.values(), False, not none)

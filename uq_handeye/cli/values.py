@@ -103,7 +103,7 @@ def by_names(text: str | None, names: Sequence[str], option: str) -> dict[str, s
 
     ``VALUE`` is for all of them (the name ""), ``NAME:VALUE`` for one; several with semicolons between.
 
-    >>> by_names("left:0.1%;0.2%", ["left", "right"], "--focal-sd")
+    >>> by_names("left:0.1%;0.2%", ["left", "right"], "--target-scale-sd")
     {'left': '0.1%', '': '0.2%'}
     """
     found: dict[str, str] = {}

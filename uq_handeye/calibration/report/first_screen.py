@@ -276,5 +276,6 @@ def _about_largest(result: Calibration, accuracy: Accuracy) -> str | None:
     if part.key.kind in (Kind.POSES, Kind.POSES_AND_TOUCHES) and count < MIN_POSES_TO_TAKE:
         return "take more poses to reduce the noise: uq-handeye plan chooses them"
     if part.key in DECLARE and any(error.key.error == part.key and error.default for error in result.shared):
-        return f"measure the {part.name}, which limits X, and declare how well: such as {' '.join(DECLARE[part.key])}"
+        option, sd = DECLARE[part.key]
+        return f"measure the {part.name}, which limits X, and declare how well: such as {option.format(sd)}"
     return None

@@ -260,8 +260,8 @@ def rounded_up(number: float, places: int = 2) -> str:
 # Owner of each error whose size is assumed, and the option that declares it.
 _ASSUMED = {
     ROBOT_ACCURACY: ("an arm of unknown accuracy", "Give joints (--joints, --urdf), --robot-model or --robot-accuracy"),
-    FOCAL_LENGTH: ("the focal length", "Give pictures, or --focal-sd"),
-    PRINCIPAL_POINT: ("the principal point", "Give pictures, or --principal-point-sd"),
+    FOCAL_LENGTH: ("the focal length", "Give pictures, or --shared 'focal length=SD'"),
+    PRINCIPAL_POINT: ("the principal point", "Give pictures, or --shared 'principal point=SD'"),
     TARGET_SCALE: ("the size of the target", "Measure it, and give --target-scale-sd"),
     VIEW: ("an unknown camera", "Give pictures or corners"),
     LENS: ("an unknown camera", "Give pictures or corners"),

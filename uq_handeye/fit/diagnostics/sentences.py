@@ -274,12 +274,12 @@ sentence(
 
 # Options that declare an error, and a value that takes a measurement: better than what is assumed.
 DECLARE = {
-    FOCAL_LENGTH: ("--focal-sd", "0.03%"),
-    PRINCIPAL_POINT: ("--principal-point-sd", "0.0003"),
-    TARGET_SCALE: ("--target-scale-sd", "0.01%"),
-    ROBOT_SCALE: ("--robot-scale-sd", "0.005%"),
-    ROBOT_ACCURACY: ("--robot-accuracy", "0.2mm,0.02deg"),
-    CLOCK_OFFSET: ("--offset-sd", "0.1ms"),
+    FOCAL_LENGTH: ("--shared 'focal length={}'", "0.03%"),
+    PRINCIPAL_POINT: ("--shared 'principal point={}'", "0.0003"),
+    TARGET_SCALE: ("--shared 'target scale={}'", "0.01%"),
+    ROBOT_SCALE: ("--shared 'robot scale={}'", "0.005%"),
+    ROBOT_ACCURACY: ("--robot-accuracy {}", "0.2mm,0.02deg"),
+    CLOCK_OFFSET: ("--shared 'clock offset={}'", "0.1ms"),
 }
 
 
@@ -288,7 +288,8 @@ _OPTIONS = {str(key): option for key, option in DECLARE.items()}
 
 def _declare(values: Values) -> str:
     name, found = values["errors"][0]["name"], abs(float(values["errors"][0]["estimate"]))
-    option = f"{_OPTIONS[name][0]} {digits(100 * found, 1)}%" if name in _OPTIONS else "--shared defaults"
+    sd = f"{digits(100 * found, 1)}%"
+    option = _OPTIONS[name][0].format(sd) if name in _OPTIONS else f"--shared '{name}={sd}'"
     return f"measure the {name}, or declare an uncertainty that holds what was found: {option}"
 
 
