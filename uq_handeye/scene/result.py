@@ -88,7 +88,9 @@ class ScenePoses(ReadOnlyArrays):
 
     def summary(self, details: bool = False) -> str:
         """Pictures, points, lens and warnings as text; ``details``: the pictures one by one."""
-        return to_text(scene_document(self, details))
+        counts = zip((self.names[row] for row in self.rows), self.shown_in.tolist(), strict=True)
+        document = scene_document(self.facts, self.intrinsics, self.sd, self.findings, dict(counts), details)
+        return to_text(document)
 
     def __repr__(self) -> str:
         return f"ScenePoses({self.n} of {len(self.names)} pictures, {len(self.points):,} points)"

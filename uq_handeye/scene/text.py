@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from ..core.formatting.numbers import concise
 from ..core.presentation.document import Caution, Document, Heading, Paragraph, Table
+from ..findings import Finding, texts
+from ..model.poses.scene_facts import SceneFacts
 
-if TYPE_CHECKING:
-    from .result import ScenePoses
 
-
-def scene_document(found: ScenePoses, details: bool = False) -> Document:
-    """Return pictures, points, lens and warnings; ``details``: the points that each picture shows."""
-    facts = found.facts
+def scene_document(
+    facts: SceneFacts,
+    intrinsics: Mapping[str, float],
+    sd: Mapping[str, float],
+    findings: Sequence[Finding],
+    shown_in: Mapping[str, int],
+    details: bool = False,
+) -> Document:
+    """Return pictures, points, lens and warnings; ``details``: ``shown_in``, the points that each picture shows."""
     said = (
-        f"{found.n} of {len(found.names)} pictures show the scene: {facts.points:,} points, {facts.per_picture:,.0f} "
-        f"in a picture, pixel noise {facts.pixel_noise:.2g} px."
+        f"{len(shown_in)} of {facts.pictures} pictures show the scene: {facts.points:,} points, "
+        f"{facts.per_picture:,.0f} in a picture, pixel noise {facts.pixel_noise:.2g} px."
     )
     rows = []
-    for name, value in found.intrinsics.items():
-        sd = found.sd.get(name)
-        rows.append([name, concise(value, sd) if sd else f"{value:.7g}", "estimated" if sd else "given"])
-    notes = [Paragraph(str(one)) for one in found.findings if one.severity == "note" and one.code != "scene.found"]
-    shown = [[found.names[row], f"{count:,}"] for row, count in zip(found.rows, found.shown_in, strict=True)]
+    for name, value in intrinsics.items():
+        spread = sd.get(name)
+        rows.append([name, concise(value, spread) if spread else f"{value:.7g}", "estimated" if spread else "given"])
+    notes = [Paragraph(str(one)) for one in findings if one.severity == "note" and one.code != "scene.found"]
+    shown = [[name, f"{count:,}"] for name, count in shown_in.items()]
     return [
-        [Heading(f"{found.n} camera poses from pictures of a scene"), Paragraph(said)],
-        *map(Caution, found.warnings),
+        [Heading(f"{len(shown_in)} camera poses from pictures of a scene"), Paragraph(said)],
+        *map(Caution, texts(findings)),
         Table("Intrinsics, model brown (px)", ["", "value", ""], rows),
         *notes,
         *([Table("Points by picture", ["picture", "points"], shown)] if details else []),
