@@ -170,7 +170,7 @@ def scenes() -> str:
             said = "refused: " + one["refused"].partition(":")[0].partition(".")[0]
             rows.append([words, "", "", "", "", said + (f", {one['in_order']} of 20 right" if one["in_order"] else "")])
             continue
-        named = f"rows {', '.join(map(str, one['rejected']))} rejected" if one["rejected"] else ""
+        named = "".join(f"row {k} rejected" for k in one["rejected"])
         numbers = [f"{rms(lines, 'mm'):.2f} mm, {rms(lines, 'deg'):.3f} deg", f"{rms(lines, 'stated_mm'):.2f} mm"]
         said = named if one["usable"] else "NOT USABLE"
         rows.append([words, f"{one['pictures']} of {one['of']}", *numbers, share_inside(lines), said])

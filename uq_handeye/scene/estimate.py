@@ -78,7 +78,7 @@ def adjusted(model: Model, pull: Pull | None = None) -> Placed:
 
 
 def pull_of_robot(robot: Array, X: Array, covariance: Array, weights: Array, eye_to_hand: bool) -> Pull:
-    """What robot poses and X say of the camera poses of a scene in the frame of the base, X integrated over.
+    """Knowledge of the camera poses of a scene, in the base frame, from robot poses and X; X is integrated over.
 
     ``robot`` (n, 4, 4) base_T_gripper, their ``covariance`` (n, 6, 6), which the robust ``weights`` (n,) divide. With
     ``T = G X`` (G inverted for eye-to-hand) and ``C = T^-1``:

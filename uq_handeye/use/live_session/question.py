@@ -122,7 +122,7 @@ class Answer:
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """What can be done about the findings."""
+        """Remedies for the findings."""
         return remedies_of(self.findings, [k for k in range(self.n) if k not in self.left_out])
 
     @property
