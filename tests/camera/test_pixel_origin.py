@@ -11,7 +11,8 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.rotations import Rotation
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.model.camera.corners_file import corners_text
-from uq_handeye.model.camera.pixel_origin import pairs_from_centre, poses_from_centre
+from uq_handeye.model.camera.pixel_origin import poses_from_centre
+from uq_handeye.model.shared_errors.pixel_origin import pairs_from_centre
 
 cv2 = pytest.importorskip("cv2")
 POINTS = uq.tag_points("60mm")

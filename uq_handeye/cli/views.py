@@ -100,8 +100,8 @@ class Views:
         """Return the poses as they are of pixels that are counted from the centre of the first one."""
         if not self.options.from_corner or self.options.camera_matrix is None:
             return poses
-        from ..model.camera.pixel_origin import pairs_from_centre
         from ..model.shared_errors.camera_noise import lens_of
+        from ..model.shared_errors.pixel_origin import pairs_from_centre
 
         lens = lens_of(camera_of(self.options.camera_matrix).given)
         return pairs_from_centre(poses, self._points(), lens.model.name, lens.parameters)

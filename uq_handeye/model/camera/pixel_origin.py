@@ -13,8 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...findings import Finding
-from ..poses.pose_pairs import PosePairs
 from .adjustment.bundle import BundleUnknowns, adjust
 from .board_shape import flat_shape
 from .corners import Corners
@@ -41,10 +39,3 @@ def poses_from_centre(poses: Array, points: Array, model: str, parameters: Array
     corners = Corners(np.repeat(np.arange(n), m), np.tile(points, (n, 1)), pixels.reshape(-1, 2))
     unknowns = BundleUnknowns.poses_only(lens, flat_shape(points))
     return np.asarray(adjust(unknowns, corners, (parameters, poses), pixel_noise=1.0).poses)
-
-
-def pairs_from_centre(poses: PosePairs, points: Array, model: str, parameters: Array) -> PosePairs:
-    """Return pairs whose camera poses were fitted to pixels counted from the corner; a finding says so."""
-    said = Finding("poses.pixel_origin", "note", {"shift": CORNER_PX})
-    camera = poses_from_centre(poses.camera, points, model, parameters)
-    return replace(poses, camera=camera, findings=(*poses.findings, said))
