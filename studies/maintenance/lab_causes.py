@@ -37,11 +37,11 @@ TRUTH = {
 
 
 def _noisy(G: Array, C: Array, setup: str, rng: np.random.Generator) -> uq.PosePairs:
-    sides = [
+    robot, camera = (
         perturb(T, rng.standard_normal((len(T), 6)) * np.sqrt(np.diag(np.asarray(S))))
         for T, S in ((G, NOISE.robot), (C, NOISE.camera))
-    ]
-    return uq.PosePairs(*sides, setup)
+    )
+    return uq.PosePairs(robot, camera, setup)
 
 
 def _changed(name: str, X: Array, W: Array, G: Array, setup: str, rng: np.random.Generator) -> Array:

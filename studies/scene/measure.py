@@ -108,9 +108,8 @@ def start_of(made: Session, rng: np.random.Generator, **of_tracks: Any) -> tuple
 
 def consistency(truth: Scene, s: float, found: Scene) -> float:
     """Return ``v^T S v`` of all poses and the lens against the truth, over its freedom (1 where S is right)."""
-    unit = np.linalg.norm(np.diff(inverse(found.poses)[:, :3, 3], axis=0)) / np.linalg.norm(
-        np.diff(inverse(truth.poses)[:, :3, 3], axis=0)
-    )
+    lengths = [float(np.linalg.norm(np.diff(inverse(T)[:, :3, 3], axis=0))) for T in (found.poses, truth.poses)]
+    unit = lengths[0] / lengths[1]
     at = reduce(found, s)
     v = difference(truth.scaled(unit).moved(_between(truth.scaled(unit), found)).poses, found.poses).ravel()
     v = np.concatenate([v, (truth.lens.values - found.lens.values)[found.lens.free]])

@@ -170,7 +170,7 @@ class Verification(Record, Shown):
         if scatters or self.bias_p_value >= UNUSUAL.probability:
             return ""
         clear = (self.interval > 0).all(axis=1) | (self.interval < 0).all(axis=1)
-        shown = (clear | (not clear.any())).tolist()
+        shown = np.asarray(clear | (not clear.any())).tolist()
         parts = zip("xyz", (1e3 * self.bias).tolist(), shown, strict=True)
         listed = ", ".join(f"{axis} {b:+.{1 if abs(b) >= 1 else 2}f} mm" for axis, b, is_it in parts if is_it)
         return (
