@@ -281,7 +281,7 @@ def test_two_poses(session, tmp_path):
 
 
 def test_warnings_go_to_stderr_and_leave_json_alone(session):
-    done = run("calibrate", session / "camera.csv", session / "robot.csv", *NOISE, "--json")
+    done = run("calibrate", session / "camera.csv", session / "robot.csv", "--json")
     assert done.returncode == 0
     assert "uq-handeye: warning: The camera would sit" in done.stderr
     assert len(json.loads(done.stdout)["warnings"]) == done.stderr.count("\n")

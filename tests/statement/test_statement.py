@@ -137,7 +137,7 @@ def test_every_caution_of_the_program_has_a_phrase():
         *("diagnostics.scale_unknown", "diagnostics.halves_too_small", "diagnostics.halves_without_freedom"),
         *("diagnostics.half_fails", "diagnostics.many_halves", "calibration.prior_agrees", "calibration.excluded"),
         *("calibration.shared_confounded", "kinematics.against_controller", "camera.bent_edges"),
-        *("camera.corrected_by_robot", "camera.given_moved", "calibration.camera_scale"),
+        *("camera.corrected_by_robot", "camera.given_moved", "calibration.camera_scale", "calibration.scene_scale"),
         *("input_checks.pose_ambiguity",),
     }
     known = set(all_findings._RECORDS)

@@ -151,7 +151,7 @@ def test_new_poses_in_place_of_touches(cell, tmp_path):
 def test_what_is_refused(cell, tmp_path):
     folder, result, case = cell
     for arguments, message in (
-        ((), "Give either TOUCHES.csv"),
+        ((), "Give one of TOUCHES.csv"),
         ((folder / "same.csv",), "expected the noise of a touch: --tcp-sd"),
         ((folder / "same.csv", *DEVIATIONS, "--tool-sd", "-1mm"), "--tool-sd"),
         ((folder / "same.csv", *DEVIATIONS, "--show", "0mm"), "--show"),

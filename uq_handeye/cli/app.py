@@ -59,7 +59,7 @@ def program(only: str | None = None) -> typer.Typer:
     """Return the program with all its commands, or with one, so that a run does not load the options of the others."""
     made = typer.Typer(
         cls=Program,
-        help="""Estimate the pose X of a camera on a robot or in its cell (AX = XB), and its uncertainty.
+        help="""Estimate the pose X of a camera on a robot or in its cell, with uncertainty.
 
         Start with uq-handeye demo. Examples and options: uq-handeye COMMAND --help.
         """,

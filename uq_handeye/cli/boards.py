@@ -29,8 +29,8 @@ class BoardOptions(Options):
         or circles (asymmetric: 4x11 has 4 in a row).
         Or the board.csv of an earlier camera -o, the board as measured; or target.yaml of Kalibr; with --camera-matrix
         also a table of points x,y,z.
-      * --square LENGTH: Measured side of a square or tag, or distance of circles (of asymmetric ones, of their rows),
-        e.g. 20mm. Without a unit: metres.
+      * --square LENGTH: Measured side of a square or tag, e.g. 20mm. Of grids of circles their distance (of asymmetric
+        ones, that of their rows). Without a unit: metres.
       --pattern NAME <KINDS>: Kind of board: {KINDS}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag,
         or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.
       --spacing GAP: Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.

@@ -307,8 +307,8 @@ def pictures_of(
     Options (Pictures of a board):
       * --images 'PATTERN': Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their
         names (img2 before img10).
-      * --scene: The pictures show a scene that stands still, without a board; for eye-to-hand a textured object in the
-        gripper. The robot tells the scale. Needs pycolmap (extra scene).
+      * --scene: The pictures are of a textured scene, no board. It stands still; for eye-to-hand it is an object in the
+        gripper.
       --mask FILE: With --scene: picture that is black where the pictures show the gripper. Default: what stands still
         in the picture is found.
     """

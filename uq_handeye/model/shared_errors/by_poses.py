@@ -73,7 +73,7 @@ class ColumnsByPoses(ReadOnlyArrays):
         """Return the plain values of a joint covariance with the columns that `shortened` left out."""
         groups = [ErrorKey.from_dict(key) for key in written["by_poses"]]
         keys = [None if key is None else ErrorKey.from_dict(key) for key in written["keys"]]
-        rest = iter(np.moveaxis(np.asarray(written["shared"], dtype=float).reshape(self.bound.n, 6, -1), -1, 0))
+        rest = np.moveaxis(np.asarray(written["shared"], dtype=float).reshape(self.bound.n, 6, -1), -1, 0)
         columns: list[Any] = [None] * len(keys)
         for error in groups:
             of = [j for j, key in enumerate(keys) if key is not None and key.error == error]
@@ -82,5 +82,8 @@ class ColumnsByPoses(ReadOnlyArrays):
                 raise ValueError(f"the columns of the error {str(error)!r} do not follow from the poses")
             for j, column in zip(of, np.moveaxis(again, -1, 0), strict=True):
                 columns[j] = column
-        shared = np.stack([next(rest) if column is None else column for column in columns], axis=-1)
+        written_ones = [j for j, column in enumerate(columns) if column is None]
+        for j, column in zip(written_ones, rest, strict=True):
+            columns[j] = column
+        shared = np.stack(columns, axis=-1)
         return {**written, "shared": shared.tolist()}

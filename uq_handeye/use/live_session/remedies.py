@@ -22,7 +22,7 @@ FAR = "input_checks.far"
 
 
 class Remedy(NamedTuple):
-    """What a button does: how the files are read, by arguments of `read_poses`, and the poses that are left out."""
+    """Action of a button: how the files are read, by arguments of `read_poses`, and the poses that are left out."""
 
     label: str
     how: Mapping[str, Any]
