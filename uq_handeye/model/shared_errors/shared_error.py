@@ -342,7 +342,9 @@ class SharedError(ReadOnlyArrays):
         else:
             made = [error for make in known if (error := make(float(data["sd"][0]))).key == key]
             if not made:
-                raise InputError(f"The shared error {str(key)!r} has columns of its own, which the file does not hold.")
+                raise InputError(
+                    f"The shared error {str(whose)!r} has columns of its own, which the file does not hold."
+                )
             error = replace(made[0], focal_length_px=focal_length)
         found = replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
         return found.of(whose.name)
