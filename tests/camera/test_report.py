@@ -14,7 +14,7 @@ from support import SEED, jacobian, rotations, transforms
 import uq_handeye as uq
 from uq_handeye.core.formatting.numbers import concise, fixed
 from uq_handeye.core.presentation.document import Paragraph
-from uq_handeye.core.presentation.figure_parts import WIDTH
+from uq_handeye.core.presentation.figure_parts import FIGURE_WIDTH_IN
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.adjustment.bundle import BundleUnknowns
 from uq_handeye.model.camera.adjustment.criterion import Candidate
@@ -99,7 +99,7 @@ def pages(right, wrong):
 def test_texts_do_not_overlap_and_are_large_enough(drawn, which):
     assert list(drawn[which]) == STEMS
     for name, picture in drawn[which].items():
-        assert picture.figure.get_size_inches()[0] == pytest.approx(WIDTH)
+        assert picture.figure.get_size_inches()[0] == pytest.approx(FIGURE_WIDTH_IN)
         assert len(picture.alt) > 60 and len(picture.caption) > 60 and "{" not in picture.caption
         assert overlapping(picture.figure) == [], name
         texts = picture.figure.findobj(lambda artist: hasattr(artist, "get_fontsize") and hasattr(artist, "get_text"))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.core.files.packed import MIN_NUMBERS, packed, unpacked
+from uq_handeye.core.files.packed import MIN_PACKED_NUMBERS, packed, unpacked
 
 RNG = np.random.default_rng(0)
 
 
-@pytest.mark.parametrize("shape", [(MIN_NUMBERS,), (7, 6, 6), (3, 40, 40), (4, 13, 1)])
+@pytest.mark.parametrize("shape", [(MIN_PACKED_NUMBERS,), (7, 6, 6), (3, 40, 40), (4, 13, 1)])
 def test_arrays_come_back_bit_by_bit(shape: tuple[int, ...]) -> None:
     given = RNG.normal(size=shape) * 10.0 ** RNG.integers(-300, 300, size=shape)
     text = json.loads(json.dumps(packed({"a": given.tolist()})))
@@ -31,7 +31,7 @@ def test_symmetric_matrices_are_written_once() -> None:
 
 def test_few_numbers_whole_numbers_and_ragged_lists_stay_lists() -> None:
     data = {
-        "few": [1.5] * (MIN_NUMBERS - 1),
+        "few": [1.5] * (MIN_PACKED_NUMBERS - 1),
         "whole": list(range(100)),
         "ragged": [[1.0] * 20, [1.0] * 30],
         "mixed": [None, *[1.0] * 60],

@@ -22,7 +22,7 @@ from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
 from uq_handeye.core.presentation.colours import BLUE, GREEN
 from uq_handeye.core.presentation.ellipses import render
-from uq_handeye.core.presentation.figure_parts import WIDTH, inline_svg
+from uq_handeye.core.presentation.figure_parts import FIGURE_WIDTH_IN, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_groups import grouped
@@ -65,7 +65,7 @@ def table(n=50, flags=None, seed=SEED):
 def test_all_figures_have_the_width_of_a_page_and_words(drawn):
     assert list(drawn) == ALL
     for picture in drawn.values():
-        assert picture.figure.get_size_inches()[0] == pytest.approx(WIDTH)
+        assert picture.figure.get_size_inches()[0] == pytest.approx(FIGURE_WIDTH_IN)
         assert len(picture.alt) > 60 and len(picture.caption) > 60
 
 

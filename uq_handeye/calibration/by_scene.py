@@ -38,7 +38,7 @@ from ..scene.adjust import Pull
 from ..scene.colmap import Matched, Model
 from ..scene.estimate import (
     MANY_STATIONARY,
-    MIN_PICTURES,
+    MIN_PICTURES_OF_SCENE,
     MIN_POINTS,
     Placed,
     adjusted,
@@ -102,10 +102,10 @@ def scene_poses(
     """
     require_one_of("setup", setup, SETUPS)
     paths = picture_paths(pictures)
-    if len(paths) < MIN_PICTURES:
+    if len(paths) < MIN_PICTURES_OF_SCENE:
         raise InputError(
-            f"A scene needs {MIN_PICTURES} pictures or more (15 to 20 are better), got {len(paths)}. Take more, or use "
-            "a board."
+            f"A scene needs {MIN_PICTURES_OF_SCENE} pictures or more (15 to 20 are better), got {len(paths)}. Take "
+            "more, or use a board."
         )
     poses = None if robot is None else _robot(robot, len(paths), setup)
     known = None if intrinsics is None else _known(intrinsics, paths)
@@ -177,7 +177,7 @@ class _Run:
         scale_sd = None
         pull = None
         if self.robot is None:
-            if main.n < MIN_PICTURES:
+            if main.n < MIN_PICTURES_OF_SCENE:
                 raise no_scene(seen, self.setup)
             main = centred(main)
         else:
@@ -227,7 +227,7 @@ class _Run:
         if found is None:
             return centred(main), None, None
         main = centred(replace(main, scene=main.scene.scaled(found[0])))
-        if stop or main.n < MIN_PICTURES:
+        if stop or main.n < MIN_PICTURES_OF_SCENE:
             return main, found[1], None
         pull, scale_sd = None, found[1]
         for max_error in ERRORS_OF_ROUNDS_PX:

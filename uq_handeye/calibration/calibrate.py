@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
 # Times that the errors of an arm and the corners are linearised again, at their estimate.
-MAX_LINEARISATIONS = 2
+MAX_LINEARISATIONS_OF_ARM = 2
 # Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
 MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
 
@@ -381,7 +381,7 @@ def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, 
     """Return X, with errors of an arm and corners linearised at their estimate: the request it is of, X, findings."""
     try:
         result, more = _run(job)
-        for _ in range(MAX_LINEARISATIONS):
+        for _ in range(MAX_LINEARISATIONS_OF_ARM):
             about = poses_about_errors(job, result)
             seen = corners_at_estimate(result) if job.request.camera_of_data else None
             again = job.poses if about is None else about

@@ -17,7 +17,7 @@ from ..model.poses.residuals import rotation_angles
 from .pairing_by_time import SYNCHRONOUS_S
 
 # Rows belong together by time if they differ by less than this share of the interval between rows.
-NEAR_SHARE = 0.3
+SAME_TIME_SHARE = 0.3
 # Entries of a table of time differences that is worth making.
 MAX_TABLE = 10_000_000
 # Differences of angles count up to this (rad), and a row is the one that lacks a partner if the next best fits worse by
@@ -115,7 +115,7 @@ def _by_time(longer: Side, other: Side) -> list[int] | None:
     if nearest is None:
         return None
     interval = float(np.median(np.abs(np.diff(times))))
-    if np.abs(times[nearest] - theirs).max() > NEAR_SHARE * interval or len(set(nearest.tolist())) < len(theirs):
+    if np.abs(times[nearest] - theirs).max() > SAME_TIME_SHARE * interval or len(set(nearest.tolist())) < len(theirs):
         return None
     return sorted(set(range(len(times))) - set(nearest.tolist()))
 

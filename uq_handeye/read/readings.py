@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from ..core.formatting.numbers import digits
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES_TO_DECIDE
+from ..core.numbers.limits import MAJORITY, MIN_POSES_TO_DECIDE
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.agreement import MAJORITY, Agreement, agreement, angles_between, typical_difference
+from ..fit.input_checks.agreement import Agreement, agreement, angles_between, typical_difference
 from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
 from ..fit.input_checks.repeated_rows import SAME_NUMBER
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished, rows_of_side

@@ -31,6 +31,8 @@ from ..core.geometry.se3 import Array, block, inverse, logarithm, skew
 from .description import WORLD, Rig
 
 _EYE = np.eye(3)
+# Groups of rows that are made, whitened and summed at once: what is made of them on the way stays small.
+GROUPS_TOGETHER = 1000
 Index = NDArray[np.intp]
 
 
@@ -48,10 +50,6 @@ class Sides(NamedTuple):
         """Half of the difference of the derivatives by the unknowns from those of another one."""
         base = (0.5 * (self.base[0] - other.base[0]), 0.5 * (self.base[1] - other.base[1]))
         return self._replace(X=0.5 * (self.X - other.X), W=0.5 * (self.W - other.W), base=base)
-
-
-# Groups of rows that are made, whitened and summed at once: what is made of them on the way stays small.
-GROUPS_TOGETHER = 1000
 
 
 class Batch(NamedTuple):

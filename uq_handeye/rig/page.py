@@ -35,7 +35,7 @@ from .graph import Graph
 from .poses import RigPoses
 
 # The headline is a caution where a larger share of the views is rejected.
-MANY_REJECTED_SHARE = 0.1
+MAX_REJECTED_VIEWS = 0.1
 
 
 def rig_sketch(result: RigPoses) -> Drawing:
@@ -178,7 +178,7 @@ def headline(result: RigPoses) -> tuple[str, str]:
     count = "Both" if len(known) == 2 else f"All {len(known)}"
     whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
     text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
-    unlikely = result.p_value < CONTRADICTED.probability or len(result.rejected) > MANY_REJECTED_SHARE * len(
+    unlikely = result.p_value < CONTRADICTED.probability or len(result.rejected) > MAX_REJECTED_VIEWS * len(
         result.weights
     )
     return text, "caution" if caution or unlikely else "ok"
@@ -191,7 +191,7 @@ def _answer(result: RigPoses, verdicts: Sequence[Badge]) -> list[Block]:
     said = f"Chi-square of the residuals {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."
     if result.p_value < CONTRADICTED.probability:
         said += " The residuals are larger than the noise says: the errors are larger than stated."
-    if len(result.rejected) > MANY_REJECTED_SHARE * len(result.weights):
+    if len(result.rejected) > MAX_REJECTED_VIEWS * len(result.weights):
         said += f" {len(result.rejected)} of {len(result.weights)} views were rejected."
     blocks.append(Paragraph(said))
     if result.findings:

@@ -26,7 +26,7 @@ from .lens import MODEL, Lens
 from .tracks import Tracks
 
 # Rounds with a new pixel noise, and steps within one.
-MAX_ROUNDS, MAX_STEPS = 15, 3
+MAX_NOISE_ROUNDS, MAX_STEPS_OF_ROUND = 15, 3
 # Squared length, in standard deviations, of a step of all poses and the lens that is the last one; relative change of
 # the pixel noise that is none, and that of rounds near the end.
 MIN_STEP, NOISE_ROUNDING, NOISE_NEAR = 2e-2, 5e-3, 0.1
@@ -213,7 +213,7 @@ def adjust(scene: Scene, pull: Pull | None = None) -> tuple[Scene, float]:
         No step decreases the cost from the start, or the numbers are not finite.
     """
     s, damping, length = pixel_noise(scene, scene.residuals()), START_DAMPING, 1.0
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_NOISE_ROUNDS):
         scene, damping, settled = _round(scene, s, pull, damping, length)
         before, s = s, pixel_noise(scene, scene.residuals())
         change = abs(np.log(s / before))
@@ -228,7 +228,7 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: fl
     cost = _cost(scene, s, pull)
     if not np.isfinite(cost):
         raise NotConvergedError("The adjustment of the scene started from numbers that are not finite.", scene)
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_STEPS_OF_ROUND):
         while True:
             at = reduce(scene, s, damping=damping)
             H, g = np.array(at.S), np.array(at.g)

@@ -17,7 +17,7 @@ from .lens import MODEL, Lens
 from .poses import as_poses, similarity
 
 # Fewest points of a picture, and fewest pictures of a scene.
-MIN_POINTS, MIN_PICTURES = 8, 6
+MIN_POINTS, MIN_PICTURES_OF_SCENE = 8, 6
 # Share of stationary matches that is said, and that is an error where there is no scene.
 MANY_STATIONARY = 0.5
 # Standard deviation of the focal length, relative, above which X is not stated.

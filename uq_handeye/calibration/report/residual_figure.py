@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_DRAWN_POINTS, MAX_NAMED
 from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
-from ...core.presentation.figure_parts import HALO, SMALL, TEXT, WIDTH, canvas, finished, plain, plain_numbers
+from ...core.presentation.figure_parts import FIGURE_WIDTH_IN, HALO, SMALL, TEXT, canvas, finished, plain, plain_numbers
 from ...fit.diagnostics.pose_table import PoseTable
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ MARKS: dict[str, dict[str, Any]] = {
 
 def residual_figure(table: PoseTable, small: bool = False) -> Figure:
     """Figure of three panels over the numbers of the poses (or motions); ``small``: without d^2, in half the width."""
-    figure = canvas(2.0, WIDTH / 2) if small else canvas(5.4)
+    figure = canvas(2.0, FIGURE_WIDTH_IN / 2) if small else canvas(5.4)
     axes: Any = figure.subplots(2 if small else 3, 1, sharex=True, height_ratios=[1, 1, 1.15][: 2 if small else 3])
     values = (1e3 * table.translation, np.degrees(table.rotation), np.maximum(table.distance2, 1e-3))
     names = ("mm", "deg", "") if small else ("translation (mm)", "rotation (deg)", "$d^2$")

@@ -26,7 +26,7 @@ from scipy.special import chdtri
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...core.presentation.colours import BLUE, GREEN, INK, ORANGE, QUIET
-from ...core.presentation.figure_parts import SMALL, TEXT, WIDTH, NamedFigure, plain, round_number
+from ...core.presentation.figure_parts import FIGURE_WIDTH_IN, SMALL, TEXT, NamedFigure, plain, round_number
 from ...fit.diagnostics.pose_table import PoseTable
 from ...model.poses.pose_pairs import PosePairs
 
@@ -131,7 +131,7 @@ def _board(poses: PosePairs, size: float) -> Array:
 
 def rig_figure(scene: Rig) -> Figure:
     """Figure of the scene from the side and from above."""
-    figure = NamedFigure(figsize=(WIDTH, 3.5))
+    figure = NamedFigure(figsize=(FIGURE_WIDTH_IN, 3.5))
     strokes = _strokes(scene)
     side: Any = figure.add_axes((0.0, 0.13, 0.6, 0.84), projection="3d", proj_type="ortho", computed_zorder=False)
     above = figure.add_axes((0.7, 0.27, 0.29, 0.62))

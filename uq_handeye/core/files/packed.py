@@ -1,13 +1,13 @@
 """Large arrays of a result file in a compact form, without loss.
 
-A list of `MIN_NUMBERS` numbers or more becomes
+A list of `MIN_PACKED_NUMBERS` numbers or more becomes
 
     {"shape": [n, 6, 40], "float64": "..."}
 
 the little-endian numbers in C order, byte k of all numbers before byte k + 1, deflated (zlib) and in base64. Of
 matrices that are equal to their transposes ``"lower": true`` says that only the lower triangles are written, row by
-row. A list of `MIN_RECORDS` records or more becomes ``{"runs": [...]}``, for each run of records with equal names a
-dictionary of lists, ``{name: its values, "number of records": n}``; equal values of a run are written once, as
+row. A list of `MIN_PACKED_RECORDS` records or more becomes ``{"runs": [...]}``, for each run of records with equal
+names a dictionary of lists, ``{name: its values, "number of records": n}``; equal values of a run are written once, as
 ``{"each": value}``.
 """
 
@@ -28,7 +28,7 @@ from ..geometry.se3 import Array
 from ..numbers.limits import MAX_TABLE_BYTES
 
 # Fewest numbers of an array, and fewest records of a list, that are written in a compact form.
-MIN_NUMBERS, MIN_RECORDS = 40, 10
+MIN_PACKED_NUMBERS, MIN_PACKED_RECORDS = 40, 10
 _NUMBERS, _RUNS, _COUNT, _EACH = "float64", "runs", "number of records", "each"
 
 
@@ -39,9 +39,9 @@ def packed(data: Any) -> Any:
         return {name: packed(part) for name, part in data.items()}
     if kind not in (list, tuple):
         return data
-    if _count(data) >= MIN_NUMBERS and (array := _array(data)) is not None:
+    if _count(data) >= MIN_PACKED_NUMBERS and (array := _array(data)) is not None:
         return _of_array(array)
-    if len(data) >= MIN_RECORDS and all(type(record) is dict for record in data):
+    if len(data) >= MIN_PACKED_RECORDS and all(type(record) is dict for record in data):
         runs = [list(run) for _, run in groupby(data, key=tuple)]
         return {_RUNS: [{name: _column([record[name] for record in run]) for name in run[0]} | {_COUNT: len(run)}
                         for run in runs]}  # fmt: skip

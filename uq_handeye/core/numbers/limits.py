@@ -43,3 +43,5 @@ MIN_POSES_TO_DECIDE = 4
 MIN_POSES = 3
 # Poses, motions, views or points from which on outliers can be distinguished from the others.
 MIN_POSES_FOR_ROBUST = 5
+# Share of the poses that is relied on, by their smallest residuals: all others may be wrong.
+MAJORITY = 0.6

@@ -34,7 +34,7 @@ from .colours import BLUE, GREEN, ORANGE, SKY
 from .figure_parts import SMALL, NamedFigure, settle_layout
 from .figure_parts import render as render
 
-LEVELS = (1, 2, 3)
+SIGMAS = (1, 2, 3)  # standard deviations of the ellipses that are drawn
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")
 PAIRS_WITHIN = ((0, 1), (1, 2), (0, 2))
 
@@ -177,8 +177,8 @@ def display_unit(reach: float, base: str) -> tuple[float, str]:
 
 
 def held(places: int) -> str:
-    """Return what the ellipses of `LEVELS` hold of the errors of two components: ``39 %, 86 %, 99 %``."""
-    return ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.{places}f} %" for k in LEVELS)
+    """Return what the ellipses of `SIGMAS` hold of the errors of two components: ``39 %, 86 %, 99 %``."""
+    return ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.{places}f} %" for k in SIGMAS)
 
 
 def correlation(S: Array, i: int, j: int) -> float | None:
@@ -208,7 +208,7 @@ def _draw(axis: Axes, i: int, j: int, covariances: Mapping[str, Array], points: 
     for number, (S, (colour, style)) in enumerate(zip(covariances.values(), STYLES, strict=False)):
         s = np.sqrt(np.diag(S))[[i, j]]
         rho, (x, y) = correlation(S, i, j), ellipse(S, i, j, 1 / scale)
-        for level in LEVELS:
+        for level in SIGMAS:
             width = LINE_WIDTH / np.sqrt(level)
             axis.plot(level * x, level * y, color=colour, linestyle=style, linewidth=width, zorder=3 + number)
         if number == 0:

@@ -27,7 +27,7 @@ from ..files.atomic import write_files
 from ..files.open import StrPath, as_path
 from .colours import GRID, QUIET
 
-WIDTH = 6.9
+FIGURE_WIDTH_IN = 6.9
 ROOM = 0.015  # share of the width at both sides
 TEXT, SMALL = 8.5, 7.5  # points
 HALO = [withStroke(linewidth=2.2, foreground="white")]
@@ -45,7 +45,7 @@ class Picture(NamedTuple):
     scene: str = ""  # JSON that `turn.js` draws in its place, where it can be turned
 
 
-def canvas(height: float, width: float = WIDTH) -> NamedFigure:
+def canvas(height: float, width: float = FIGURE_WIDTH_IN) -> NamedFigure:
     """An empty figure, ``height`` and ``width`` in inches."""
     # Hinting makes text a little wider at the resolution of a picture than where the layout is settled: leave it room.
     return NamedFigure(figsize=(width, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))

@@ -13,19 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.limits import MAJORITY
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...model.poses.residuals import rotation_angles
 
-# Share of the poses that always counts; the others count where they fit like these.
-MAJORITY = 0.6
 # A pose counts up to this multiple of the typical residual, and always below `ROTATION_FLOOR_RAD`.
 OUTLIER_RATIO = 3.0
 ROTATION_FLOOR_RAD = np.radians(0.05)
 # The quantile ``MAJORITY**2`` of |x| for a standard Gaussian x: so many motions are between poses of the majority.
 QUANTILE_OF_MAJORITY = 0.468
 # Motions that are compared, about.
-MAX_PAIRS = 2000
+MAX_MOTIONS = 2000
 # Fewest poses of which some may be left out.
 MIN_POSES_TO_TRIM = 7
 # Rounds of the fit to the poses that count, which are chosen again after each.
@@ -52,7 +51,7 @@ class Agreement(NamedTuple):
     counts: NDArray[np.bool_] | None = None
 
 
-def motions_between(n: int, max_pairs: int = MAX_PAIRS) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def motions_between(n: int, max_pairs: int = MAX_MOTIONS) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the two poses of each of about ``max_pairs`` motions, over lags of all sizes."""
     lag = np.unique(np.linspace(1, n - 1, max(1, max_pairs // n)).astype(int))
     i = np.concatenate([np.arange(n - k) for k in lag])

@@ -32,7 +32,7 @@ MIN_POSES_FOR_ORDER = 8
 # Poses that are read jointly; the others follow from these.
 MAX_JOINT_POSES = 60
 # Starts of the search, and rounds in each of which one pose is read again.
-STARTS, MAX_ROUNDS = 12, 200
+STARTS, MAX_SEARCH_ROUNDS = 12, 200
 # Mean difference of the angles that poses may leave as they are read, and share of them that may be undecided.
 MAX_MEAN_DIFFERENCE_RAD, MAX_UNDECIDED_SHARE = np.radians(2.0), 0.2
 
@@ -103,7 +103,7 @@ def _labels(cost: Array, table: _Table) -> NDArray[np.intp]:
     every, best = np.arange(len(cost)), (np.inf, np.zeros(len(cost), dtype=np.intp))
     for first in np.unique(np.linspace(0, len(cost) - 1, min(len(cost), STARTS)).astype(int)):
         labels = cost[:, first].argmin(axis=1).astype(np.intp)
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_SEARCH_ROUNDS):
             each = table.costs(cost, labels)
             gain = each[every, labels] - each.min(axis=1)
             worst = int(np.argmax(gain))

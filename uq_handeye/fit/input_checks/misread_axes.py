@@ -30,7 +30,7 @@ from .readings import Reading
 MIN_POSES_FOR_AXES = 10
 # The matrix is needed where it divides the root mean square of the translations by this or more, and by more than
 # chance would with this probability (F test).
-DECISIVE_RATIO, MAX_CHANCE = 1.3, 1e-5
+NEEDED_RATIO, MAX_CHANCE = 1.3, 1e-5
 # Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
 UNKNOWNS, BEYOND_A_FACTOR = 15, 8
 # The scale of one axis explains as much as the matrix where the root mean square is larger by less than this, or by no
@@ -123,14 +123,14 @@ def _several_axes(robot: Array) -> bool:
 
 def _needed(before: float, after: float, dof: int, more: int = BEYOND_A_FACTOR) -> bool:
     """Return whether so many more unknowns explain the translations far better than a factor: RMS before and after."""
-    return before > DECISIVE_RATIO * after and dof > 0 and _chance(before, after, dof, more) < MAX_CHANCE
+    return before > NEEDED_RATIO * after and dof > 0 and _chance(before, after, dof, more) < MAX_CHANCE
 
 
 def _as_well(before: float, alone: float, after: float, dof: int) -> bool:
     """Return whether the scale of one axis explains the translations as well as the whole matrix does."""
     if alone < AS_GOOD_RATIO * after or alone < ROUNDING * before:
         return True
-    return alone < DECISIVE_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > MIN_CHANCE_OF_THE_REST
+    return alone < NEEDED_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > MIN_CHANCE_OF_THE_REST
 
 
 def _chance(before: float, after: float, dof: int, more: int) -> float:

@@ -11,9 +11,10 @@ import numpy as np
 
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.limits import MAJORITY
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.target_views import STEADY_VIEW, direction_spread
-from .agreement import MAJORITY, Agreement, agreement
+from .agreement import Agreement, agreement
 from .consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
 from .misread_scale import scaled_reading
 from .readings import OTHER_SETUP, Reading

@@ -17,7 +17,7 @@ from ...core.geometry.se3 import Array, logarithm
 # Median difference of angles (rad) from which on rows do not belong together, and that of rows which do.
 DISAGREEMENT, AGREEMENT = np.radians(1.0), np.radians(0.5)
 # Triples that are tried at most; fewest poses for an order.
-MAX_TRIPLES, MIN_POSES = 4000, 6
+MAX_TRIPLES, MIN_POSES_FOR_ROW_ORDER = 4000, 6
 # Share of the rows that must agree for an order.
 MIN_SHARE = 0.7
 
@@ -52,7 +52,7 @@ def find_order(G: Array, C: Array) -> RowOrder | None:
     ``G X C = W``; for eye-to-hand G are the inverse robot poses.
     """
     m, n = len(G), len(C)
-    if min(m, n) < MIN_POSES:
+    if min(m, n) < MIN_POSES_FOR_ROW_ORDER:
         return None
     A, B = angles_between(G[:, :3, :3]), angles_between(C[:, :3, :3].mT)
     first = _triple(B, ())
@@ -80,7 +80,7 @@ def _by_triple(G: Array, C: Array, A: Array, B: Array, first: tuple[int, int, in
         return None
     _, rows, columns, cost = best
     good = cost[rows, columns] < 2.0 * AGREEMENT
-    if good.sum() < max(MIN_POSES, MIN_SHARE * min(len(G), len(C))):
+    if good.sum() < max(MIN_POSES_FOR_ROW_ORDER, MIN_SHARE * min(len(G), len(C))):
         return None
     order = np.full(len(C), -1)
     order[rows[good]] = columns[good]

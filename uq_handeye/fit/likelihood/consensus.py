@@ -29,6 +29,7 @@ from scipy.special import gammaincinv
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, skew, vee
 from ...core.numbers.levels import IMPOSSIBLE
+from ...core.numbers.limits import MAJORITY
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
@@ -39,8 +40,6 @@ from .constraint import MIN_RESOLVED_SHARE, Constraint, Unknowns, covariances_of
 
 # The squared distance from which on a pose has no weight: chi-square(6) of a good one exceeds it once in a million.
 NO_WEIGHT = IMPOSSIBLE.chi_square(6)
-# The start relies on the smallest residuals of this share of the poses, so that all others may be wrong.
-MAJORITY = 0.6
 # The least share that is relied on, where the squares of its residuals, rotation times translation, are smaller than
 # those of the majority by this factor: of good rows they are 1.5 times as small, and others are not as alike.
 HALF, HALF_RATIO, MIN_POSES_FOR_HALF = 0.5, 30.0, 12

@@ -42,6 +42,7 @@ from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED, UNUSUAL
+from ...core.numbers.limits import MAJORITY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.noise.models import Noise, with_prior
@@ -49,7 +50,7 @@ from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, is_joint, pulled, weighed_blocks, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .consensus import MAJORITY, NO_WEIGHT, Consensus, consensus, misfit, robust_variance
+from .consensus import NO_WEIGHT, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, MAX_ROUNDS, STEP_SD, Fit, fit
 from .starts import isotropic_residuals, leaves_open, sound_start

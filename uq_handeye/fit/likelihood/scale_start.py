@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.limits import MAJORITY
 from ...methods.procrustes.limit import solve_limit
-from .consensus import MAJORITY, determined, robust_variance
+from .consensus import determined, robust_variance
 
 # Subsets of this many poses are drawn, this many times.
 POSES, SUBSETS = 5, 400

@@ -19,7 +19,7 @@ from ...core.geometry.se3 import Array, inverse, logarithm
 MIN_ANGLE, MAX_ANGLE = np.radians(5.0), np.radians(175.0)
 MAX_SPREAD = 0.05
 # Iterations of the weights; poses of which all motions are made at most.
-ITERATIONS, MAX_POSES = 30, 200
+ITERATIONS, MAX_POSES_OF_MOTIONS = 30, 200
 
 
 def scale_by_screws(G: Array, C: Array) -> tuple[float, float] | None:
@@ -28,7 +28,7 @@ def scale_by_screws(G: Array, C: Array) -> tuple[float, float] | None:
     ``G X C = W``; for eye-to-hand G are the inverse robot poses. None where the motions do not tell the scale.
     """
     n = len(G)
-    rows = np.unique(np.linspace(0, n - 1, min(n, MAX_POSES)).round().astype(np.intp))
+    rows = np.unique(np.linspace(0, n - 1, min(n, MAX_POSES_OF_MOTIONS)).round().astype(np.intp))
     i, j = (rows[one] for one in np.triu_indices(len(rows), 1))
     if not len(i):
         return None

@@ -28,7 +28,7 @@ from .corner_refinement import Picture
 MAX_HALF_PROFILE_PX = 5.0
 # The next structure inside or outside of an edge is nearer by so much, because it is blurred; and the rim of the paper,
 # which is where the white begins to fall.
-BLUR_PX, RIM_BLUR_PX = 2.5, 1.5
+EDGE_BLUR_PX, RIM_BLUR_PX = 2.5, 1.5
 # Rounds in which the edges are placed to about a pixel, and after these, in which the rim of the paper is looked for.
 PLACING_ROUNDS, RIM_ROUNDS = 2, 2
 # Profiles of an edge, and parts of it that are placed.
@@ -38,7 +38,7 @@ MIN_WHITE_PX = 2.5
 # Fall of the grey beyond an edge, as a share of the contrast, by which the rim of the paper is known.
 RIM_FALL_SHARE = 0.06
 # A profile with less than this share of the median contrast of its edge is not of that edge.
-MIN_CONTRAST_SHARE = 0.4
+CLEAR_CONTRAST_SHARE = 0.4
 # Offsets farther from the line of their edge than this, in robust standard deviations, do not count.
 MAX_OFFSET_SD = 3.0
 
@@ -61,7 +61,7 @@ def corners_by_edges(
         inner, outer = edges.width * border, edges.width * gap
         if k < RIM_ROUNDS:
             rim = _rim(grey, edges, inner, outer)
-        h = np.clip(np.minimum(np.minimum(inner, outer) - BLUR_PX, rim - RIM_BLUR_PX), 1.0, MAX_HALF_PROFILE_PX)
+        h = np.clip(np.minimum(np.minimum(inner, outer) - EDGE_BLUR_PX, rim - RIM_BLUR_PX), 1.0, MAX_HALF_PROFILE_PX)
         offset, clear = _offsets(grey, edges, h)
         line, enough = _lines(edges.s, offset, clear)
         found = edges.meet(line * enough[..., None])  # others stay where they are
@@ -145,7 +145,7 @@ def _offsets(grey: NDArray[np.float32], edges: _Edges, h: Array) -> tuple[Array,
     share = (seen - low[..., None, None]) / contrast[..., None, None]
     total = 0.5 * (share[..., 1:] + share[..., :-1]).mean(axis=-1)  # integral over 2h
     offset = h[..., None] * (1.0 - 2.0 * total)
-    clear = (seen[..., -1] - seen[..., 0] > MIN_CONTRAST_SHARE * contrast[..., None]) & (high - low > 5.0)[..., None]
+    clear = (seen[..., -1] - seen[..., 0] > CLEAR_CONTRAST_SHARE * contrast[..., None]) & (high - low > 5.0)[..., None]
     return offset, clear & (np.abs(offset) < 0.8 * h[..., None])
 
 

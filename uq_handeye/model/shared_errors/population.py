@@ -65,9 +65,9 @@ LENGTH_PER_RAD_M = 0.5
 # The range of the truncated columns is looked for with this many directions more than are kept.
 MORE_DIRECTIONS = 12
 # The frames of base and flange are this many times as uncertain between arms as by a sample of the workspace.
-# UNSEEN_SHARE is the share of the errors far from the poses of the data that is independent of the errors at these
+# DISTANT_SHARE is the share of the errors far from the poses of the data that is independent of the errors at these
 # poses (`unseen`). All three were determined by leaving families of arms out.
-BASE_RATIO, FLANGE_RATIO, UNSEEN_SHARE = 10.0, 5.0, 0.5
+BASE_RATIO, FLANGE_RATIO, DISTANT_SHARE = 10.0, 5.0, 0.5
 # With noise estimated from the data, this share of the variance of further poses that z does not explain is added to
 # theirs. That variance is the mean over the arms, and a few of them have most of it: of translations one arm has 0.29
 # of that variance, 0.13 to 0.24 with six axes and 0.5 to 0.8 with seven (`studies.maintenance.what_is_left`, 70 sets of
@@ -213,7 +213,7 @@ class BoundPopulation(ReadOnlyArrays):
     def unseen(self, robot: Array, measured: bool = False) -> Array:
         """(n, 6, 6) covariance of errors of other poses (n, 4, 4) that z does not explain.
 
-        A share of their variance is independent of the poses of the data: ``UNSEEN_SHARE^2 (1 - rho^2)^4``, rho the
+        A share of their variance is independent of the poses of the data: ``DISTANT_SHARE^2 (1 - rho^2)^4``, rho the
         correlation ``exp(-d^2 / 2)`` with the nearest pose of the data, so that it is 0 at these. The errors of the
         geometries are smooth, and known where they were measured. ``measured``: in addition to noise estimated from the
         data. This noise already contains that share for a pose as far from the others as the poses of the data are from
@@ -238,7 +238,7 @@ class BoundPopulation(ReadOnlyArrays):
 
     @staticmethod
     def _unknown_again(apart: Array) -> Array:
-        return np.asarray(UNSEEN_SHARE**2 * (1.0 - np.exp(-apart)) ** 4)
+        return np.asarray(DISTANT_SHARE**2 * (1.0 - np.exp(-apart)) ** 4)
 
     def _apart(self, robot: Array, without: int | None = None) -> Array:
         """(n,) squared distance d^2 of poses from the nearest of the data, over `NEAR_TIP_SHARE`, `NEAR_TURN_RAD`."""

@@ -47,7 +47,7 @@ ROUGH_SD = 2e-3
 MIN_RELATIVE_GAIN = 1e-6
 # An estimate belongs to the global minimum of the isotropic problem up to this distance, RMS in standard
 # deviations;
-MAX_DISTANCE_SD = 5.0
+MAX_APART_SD = 5.0
 # beyond it, where the fit that starts at that minimum ends nearer to the estimate than this.
 MAX_SAME_DISTANCE_SD = 0.5
 
@@ -110,7 +110,7 @@ def prove(rig: Rig, found: RigFit, prior: Prior | None = None) -> tuple[Optimali
             "found."
         ), None  # fmt: skip
     far = _distance(found, at, problem.others)
-    if far > MAX_DISTANCE_SD:  # equal weights represent different noise badly: is the minimum reached from there?
+    if far > MAX_APART_SD:  # equal weights represent different noise badly: is the minimum reached from there?
         again = fit(found.graph, found.noise, at, "efficient", found.edge_weights, found.pose_weights, prior)
         if (apart := _distance(found, again.at, problem.others)) > MAX_SAME_DISTANCE_SD:
             return Optimality(

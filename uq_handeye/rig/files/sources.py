@@ -27,6 +27,7 @@ from ...model.kinematics.descriptions.mjcf import is_mjcf
 from ...model.kinematics.kinematic_errors import KinematicErrors
 from ...model.poses.pose_pairs import joint_values_at
 from ...model.poses.stream import Stream
+from ...model.poses.timing import MAX_GAP_INTERVALS
 from ...read.joints import read_joint_file
 from ..description import ArmPoses
 from .pose_rows import PoseRows
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from ...model.camera.adjustment.bundle import Bundle
     from ...model.camera.corners import Corners
 
-# Samples of a bag are not interpolated between where they are farther apart, in median intervals.
-MAX_GAP_INTERVALS = 3.0
 MODELS = ("robot_model", "urdf", "dh", "ur_calibration")
 _log = logging.getLogger("uq_handeye")
 

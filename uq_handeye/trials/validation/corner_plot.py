@@ -22,7 +22,7 @@ from scipy.ndimage import gaussian_filter
 
 from ...core.geometry.se3 import Array
 from ...core.presentation.colours import BLUE, ORANGE
-from ...core.presentation.ellipses import LEVELS, SYMBOLS, display_unit
+from ...core.presentation.ellipses import SIGMAS, SYMBOLS, display_unit
 from ...core.presentation.figure_parts import NamedFigure, settle_layout
 from .outcome import figure_of
 from .posterior.result import Posterior
@@ -83,7 +83,7 @@ def _joint(axis: Axes, x: Array, bound: Array, ends: Array) -> None:
     axis.contour(*middle, smooth.T, _thresholds(smooth), colors=COLOUR, linewidths=0.9)
     angle = np.linspace(0, 2 * np.pi, 181)
     circle = np.linalg.cholesky(bound) @ np.stack([np.cos(angle), np.sin(angle)])
-    for level in LEVELS:
+    for level in SIGMAS:
         axis.plot(*(level * circle), "--", color=OVERLAY, linewidth=0.9)
 
 
@@ -91,7 +91,7 @@ def _thresholds(density: Array) -> Array:
     """Densities, growing, above which lie 98.9 %, 86.5 % and 39.3 % of the total."""
     ordered = np.sort(density.ravel())[::-1]
     content = np.cumsum(ordered) / ordered.sum()
-    wanted = 1 - np.exp(-0.5 * np.array(LEVELS[::-1]) ** 2)
+    wanted = 1 - np.exp(-0.5 * np.array(SIGMAS[::-1]) ** 2)
     return np.asarray(ordered[np.searchsorted(content, wanted)])
 
 
@@ -108,7 +108,7 @@ def _frame(axis: Axes, label: str | None, diagonal: bool) -> None:
 
 
 def _corner_legend(figure: Figure, posterior: Posterior) -> None:
-    contents = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
+    contents = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in SIGMAS)
     handles = [
         Patch(facecolor=COLOUR, alpha=0.4, edgecolor=COLOUR, label=f"samples; contours hold {contents}"),
         Line2D([], [], color=OVERLAY, linestyle="--", label="bound (ml): normal density; 1, 2, 3 $\\sigma$ ellipses"),

@@ -21,7 +21,16 @@ from ....core.formatting.numbers import fixed
 from ....core.formatting.units import MM_PER_M
 from ....core.geometry.se3 import Array
 from ....core.presentation.colours import INK, ON_MAP, ORANGE, QUIET
-from ....core.presentation.figure_parts import MAP_HALO, SMALL, TEXT, WIDTH, Picture, finished, plain, round_number
+from ....core.presentation.figure_parts import (
+    FIGURE_WIDTH_IN,
+    MAP_HALO,
+    SMALL,
+    TEXT,
+    Picture,
+    finished,
+    plain,
+    round_number,
+)
 from ..calibrated import Calibrated
 from .frames import add_colour_scale, framed, marked, named_axes
 from .text import board_pattern_words, board_words
@@ -87,7 +96,7 @@ def by_point(cam: Calibrated) -> Picture:
     factor = round_number(1.6 * spacing / max(typical, 1e-9))
     most = max(float(np.percentile(np.abs(moved[:, 2]), 95)), 1e-9)
     figure, axis = framed(float(np.ptp(at[:, 1]) / np.ptp(at[:, 0])), 1.6, 1.5)
-    wide = 72.0 * axis.get_position().width * WIDTH
+    wide = 72.0 * axis.get_position().width * FIGURE_WIDTH_IN
     size = float(np.clip((0.6 * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
     _board_axes(axis, cam)
     x, y = at.T

@@ -13,14 +13,14 @@ from matplotlib.ticker import MaxNLocator
 
 from ....core.geometry.se3 import Array
 from ....core.presentation.colours import ON_MAP, QUIET
-from ....core.presentation.figure_parts import MAP_HALO, SMALL, TEXT, WIDTH, canvas, plain
+from ....core.presentation.figure_parts import FIGURE_WIDTH_IN, MAP_HALO, SMALL, TEXT, canvas, plain
 
 
 def framed(ratio: float, beside: float, more: float) -> tuple[Figure, Axes]:
     """A figure with one frame, height over width ``ratio``, ``beside`` inches left free for labels, ``more`` above."""
-    wide = min(WIDTH - beside, 5.0 / ratio)  # no frame is taller than 5 inches
+    wide = min(FIGURE_WIDTH_IN - beside, 5.0 / ratio)  # no frame is taller than 5 inches
     figure = canvas(more + wide * ratio)
-    side = 0.5 * max(WIDTH - beside - wide, 0.0)
+    side = 0.5 * max(FIGURE_WIDTH_IN - beside - wide, 0.0)
     return figure, figure.add_subplot(
         figure.add_gridspec(1, 3, width_ratios=[side, wide, side])[1] if side > 0 else 111
     )

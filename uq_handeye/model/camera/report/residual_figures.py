@@ -21,9 +21,9 @@ from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DRAWN_POINTS
 from ....core.presentation.colours import BLUE, GRID, INK, ORANGE, QUIET
 from ....core.presentation.figure_parts import (
+    FIGURE_WIDTH_IN,
     SMALL,
     TEXT,
-    WIDTH,
     Picture,
     canvas,
     finished,
@@ -119,7 +119,7 @@ def over_picture(cam: Calibrated) -> Picture:
 def over_cells(cam: Calibrated) -> Picture:
     """The mean residual of each cell of the picture, and the radial part by the distance from the centre."""
     width, height = cam.image_size
-    half = 0.55 * WIDTH
+    half = 0.55 * FIGURE_WIDTH_IN
     figure = canvas(float(np.clip(1.45 + (half - 0.6) * height / width, 3.2, 6.0)))
     left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
     found = cam.pattern.found

@@ -27,13 +27,14 @@ from scipy.special import gammainccinv, gammaincinv
 
 from ....core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ....core.geometry.se3 import Array
+from ....core.numbers.levels import INTERVAL
 from ....core.numbers.rounding import SOLUTION_ROUNDING
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
 
 PARTS = ("joint", "rotation", "translation")
 # Probabilities of the ellipsoids whose content is reported.
-LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
+LEVELS = (0.5, 0.68, 0.9, INTERVAL.probability, 0.99)
 COMPONENTS = tuple(f"{what} {axis}" for what in ("rotation about", "translation along") for axis in "xyz")
 # Numbers of components of the parts.
 SIZES = (len(COMPONENTS), len(COMPONENTS[:3]), len(COMPONENTS[3:]))
