@@ -13,15 +13,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
+from ..core.numbers.levels import RARE
 from ..errors import DegenerateMotionError
 from ..findings import Finding
 from ..fit.input_checks.agreement import agreement
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.reference import Reference
+from ..fit.likelihood.starts import MEDIAN_SQUARE
 from ..fit.one_model.request import Request
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import residuals, summarise
@@ -32,9 +33,7 @@ from .result import Calibration
 # Translations below this (m) are none: no machine measures them.
 NO_LENGTH_M = 1e-12
 # A pose whose squared residual is beyond this does not fit the others: one good pose in 10,000.
-LIMIT = float(chdtri(3, 1e-4))
-# Median of the squared length of a vector of three standard normal numbers.
-MEDIAN_SQUARE = float(chdtri(3, 0.5))
+LIMIT = RARE.chi_square(3)
 STEPS = 20
 
 

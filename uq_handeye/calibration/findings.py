@@ -25,7 +25,7 @@ from ..fit.input_checks.residuals import check_fit
 from ..fit.input_checks.rotations import check_rotations
 from ..fit.input_checks.shifted_rows import exchanged_rows, find_shift, shifted_run
 from ..fit.likelihood.constraint import Unknowns
-from ..fit.likelihood.open_directions import OpenDirections
+from ..fit.likelihood.open_directions import MAX_ROTATION_SD_RAD, OpenDirections
 from ..fit.likelihood.robust import robust_fit
 from ..fit.one_model.request import Request, of_motions
 from ..methods.propagation.published_fit import fit_published
@@ -36,7 +36,6 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import rotation_angles
 from .job import Job, job_of
 from .result import Calibration
-from .statement.checks import MAX_ROTATION_SD_RAD
 
 # Where a larger share of the poses is rejected, the program tests whether another reading of the files explains all
 # of them.

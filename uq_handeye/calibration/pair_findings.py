@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ..core.numbers.limits import MIN_POSES, MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..findings import INPUT, Finding, without_consequences
 from ..fit.input_checks.columns import check_poses
@@ -35,10 +35,6 @@ from ..rig.sizes import ALL_TARGETS
 from .findings import MAX_REJECTED_SHARE, SUSPICIOUS, look_at, misplaced_rows, reasons
 from .job import job_of
 
-# Views of a pair from which on its files can be checked.
-MIN_VIEWS_OF_PAIR = 3
-# Two views hold the same poses where at least this many are equal, and all at moments that both have.
-MIN_EQUAL_POSES = 3
 # Outliers are named by the weights of the rig; where a target is seen, a rig has no option for another convention.
 _LEFT_OUT = ("input_checks.outliers", "input_checks.target_unseen", "input_checks.steadier_reading")
 
@@ -86,7 +82,7 @@ def _pair(rig: Rig, of: Sequence[tuple[int, View]]) -> Pair:
 
 def findings_of_pairs(rig: Rig, result: RigPoses | None) -> list[Finding]:
     """Return what the files of each camera show; ``result``: the fit of the rig, None where it failed."""
-    pairs = [pair for pair in pairs_of(rig) if pair.poses.n >= MIN_VIEWS_OF_PAIR]
+    pairs = [pair for pair in pairs_of(rig) if pair.poses.n >= MIN_POSES]
     of_pairs = [without_consequences(_of_files(pair, result)) for pair in pairs]
     if not all(any(map(_is_inverse, of)) for of in of_pairs):  # the setup and the robot file are right for some camera
         of_pairs = [list(map(_camera_first, of)) for of in of_pairs]
@@ -137,12 +133,12 @@ def _of_files(pair: Pair, result: RigPoses | None) -> list[Finding]:
     X, W, covariance = _unknowns(pair, result)
     weight = _weights(pair, result)
     kept = weight > 0
-    if 2 * int(kept.sum()) < poses.n or int(kept.sum()) < MIN_VIEWS_OF_PAIR:  # X is not that of these poses
+    if 2 * int(kept.sum()) < poses.n or int(kept.sum()) < MIN_POSES:  # X is not that of these poses
         found = _without_fit(poses)
         if any(one.explains for one in found):
             return found
     found = [one for one in check_poses(poses) if one.severity != "note"]
-    if int(kept.sum()) < MIN_VIEWS_OF_PAIR:
+    if int(kept.sum()) < MIN_POSES:
         return found
     rest = poses if kept.all() else poses.rows(np.flatnonzero(kept))
     found += check_fit(rest, X, None, covariance, None, _size(pair, result), sure=False, judged=True)
@@ -202,7 +198,7 @@ def _same_views(rig: Rig) -> list[Finding]:
             continue
         at = {moment: k for k, moment in enumerate(two.at or ())}
         both = [(k, at[moment]) for k, moment in enumerate(one.at or ()) if moment in at]
-        if len(both) < MIN_EQUAL_POSES:
+        if len(both) < MIN_POSES:
             continue
         first, second = np.array(both).T
         if np.array_equal(one.poses[first], two.poses[second]):

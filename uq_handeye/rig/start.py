@@ -30,6 +30,7 @@ from scipy.linalg import eigh
 
 from ..core.geometry.nearest_rotation import nearest_rotation
 from ..core.geometry.se3 import Array, inverse
+from ..core.numbers.limits import OUTLIER_MEDIANS
 from ..errors import DegenerateMotionError, InputError
 from ..fit.likelihood.constraint import OnPoses
 from ..fit.likelihood.starts import sound_start
@@ -43,8 +44,6 @@ MIN_ROTATION_GAP = 1e-4
 MAX_CONSENSUS_STARTS = 25
 # Views of each camera and target in a start from few moments.
 MIN_VIEWS_OF_EACH = 4
-# Rows whose misfit exceeds this many times the median are left out of the next start.
-MAX_MISFIT_MEDIANS = 6.0
 
 
 def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
@@ -123,7 +122,7 @@ def agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
     r = graph.linearise(at).r.reshape(-1, 2, 3)
     size = np.linalg.norm(r, axis=-1)
     median = np.maximum(np.median(size, axis=0), 1e-12)
-    return np.asarray((size <= MAX_MISFIT_MEDIANS * median).all(axis=-1))
+    return np.asarray((size <= OUTLIER_MEDIANS * median).all(axis=-1))
 
 
 def _moves_twice(graph: Graph) -> bool:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..core.files.open import shown
 from ..core.geometry.se3 import Array
 from ..errors import InputError
+from ..model.camera.models import CORNER_PX
 from .adjust import Scene
 from .lens import Lens
 from .tracks import Tracks
@@ -34,8 +35,6 @@ STATIONARY_PX = 4.0
 # Models of fewer pictures are left.
 MIN_MODEL_SIZE = 3
 SEED = 0
-# The centre of the first pixel in COLMAP.
-PIXEL_CENTRE = 0.5
 Say = Callable[[str], None]
 
 
@@ -286,7 +285,7 @@ def _model(seen: Matched, known: Any, lens: Lens) -> Model:
             point.append(int(one.point3D_id))
             pixels.append(one.xy)
     numbers = np.unique(np.array(point, dtype=np.int64))
-    at = np.array(pixels, dtype=float).reshape(-1, 2) - PIXEL_CENTRE
+    at = np.array(pixels, dtype=float).reshape(-1, 2) - CORNER_PX
     names = tuple(seen.names[row] for row in rows)
     tracks = Tracks.of(np.array(picture, dtype=np.intp), np.array(point, dtype=np.int64), at, names, seen.image_size)
     points = np.array([known.point3D(int(id)).xyz for id in numbers]).reshape(-1, 3)
@@ -296,9 +295,9 @@ def _model(seen: Matched, known: Any, lens: Lens) -> Model:
     of = camera.params
     if camera.model_name == "OPENCV":
         values[:8] = of
-        values[2:4] -= PIXEL_CENTRE
+        values[2:4] -= CORNER_PX
     else:  # f, cx, cy, k
-        values[:5] = of[0], of[0], of[1] - PIXEL_CENTRE, of[2] - PIXEL_CENTRE, of[3]
+        values[:5] = of[0], of[0], of[1] - CORNER_PX, of[2] - CORNER_PX, of[3]
     values = np.where(lens.free, values, lens.values)
     # a track may meet a picture twice: such a point is left out
     twice = np.zeros(tracks.m, dtype=bool)
@@ -311,5 +310,5 @@ def _model(seen: Matched, known: Any, lens: Lens) -> Model:
 def _of_lens(lens: Lens) -> Array:
     """Return fx, fy, cx, cy, k1, k2, p1, p2 with the centre as COLMAP counts it."""
     values = np.array(lens.values[:8])
-    values[2:4] += PIXEL_CENTRE
+    values[2:4] += CORNER_PX
     return values

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse, inverse_jacobian, skew
+from ..core.numbers.limits import MAX_FOCAL_SD_SHARE
 from ..errors import InputError
 from ..findings import Finding
 from ..model.noise.joint_covariance import JointCovariance
@@ -20,8 +21,6 @@ from .poses import as_poses, similarity
 MIN_POINTS, MIN_PICTURES_OF_SCENE = 8, 6
 # Share of stationary matches that is said, and that is an error where there is no scene.
 MANY_STATIONARY = 0.5
-# Standard deviation of the focal length, relative, above which X is not stated.
-MAX_FOCAL_SD = 0.01
 # Lenses beyond these are none: |fx / fy - 1|, and |p1| or |p2|.
 MAX_ASPECT, MAX_TANGENTIAL = 0.005, 0.006
 # Smallest standard deviations of a robot pose, rad and m: an exact robot is as exact as that.
@@ -146,7 +145,7 @@ def lens_findings(lens: Lens, sd: Array) -> list[Finding]:
     spread = np.zeros(len(MODEL.names))
     spread[lens.free] = sd
     fx, fy, p1, p2 = lens.values[[0, 1, 6, 7]]
-    if spread[0] > MAX_FOCAL_SD * fx:
+    if spread[0] > MAX_FOCAL_SD_SHARE * fx:
         found.append(Finding("scene.focal_open", "failure", {"focal": fx, "sd": spread[0]}))
     ratio = fx / fy
     odd = abs(ratio - 1.0) > MAX_ASPECT and lens.square

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
+from ..model.camera.given_intrinsics import OPEN_RADIAL_SD
 from ..model.camera.models import MODELS
 
 MODEL = MODELS["brown"]
 NAMES = MODEL.names[:8]  # fx, fy, cx, cy, k1, k2, p1, p2; higher coefficients are 0
 # Weak prior standard deviations: the principal point about the middle, in widths of the picture; coefficients about 0;
 # logarithm of fx / fy.
-CENTRE_WIDTHS, RADIAL_SD, TANGENTIAL_SD, ASPECT_SD = 0.03, 0.3, 0.002, 0.003
+CENTRE_WIDTHS, TANGENTIAL_SD, ASPECT_SD = 0.03, 0.002, 0.003
 # Start of the focal length, in widths.
 START_WIDTHS = 1.2
 
@@ -46,7 +47,7 @@ class Lens(ReadOnlyArrays):
         values[:4] = f, f, 0.5 * (width - 1), 0.5 * (height - 1)
         sd, free = np.full(len(values), np.inf), np.zeros(len(values), dtype=bool)
         free[: len(NAMES)] = True
-        sd[2:4], sd[4:6], sd[6:8] = CENTRE_WIDTHS * width, RADIAL_SD, TANGENTIAL_SD
+        sd[2:4], sd[4:6], sd[6:8] = CENTRE_WIDTHS * width, OPEN_RADIAL_SD, TANGENTIAL_SD
         for name, entry in (known or {}).items():
             if name not in MODEL.names:
                 raise InputError(

@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import UNUSUAL
 from ...core.presentation.colours import BLUE, GREEN, INK, ORANGE, QUIET
 from ...core.presentation.figure_parts import FIGURE_WIDTH_IN, SMALL, TEXT, NamedFigure, plain, round_number
 from ...fit.diagnostics.pose_table import PoseTable
@@ -38,7 +38,7 @@ MAX_DOTS = 400
 CAMERA_SIZE = 0.05
 _AXES = (("#D55E00", "x"), ("#009E73", "y"), ("#0072B2", "z"))
 # Half axes of the ellipsoid that holds 95 % of a Gaussian in three dimensions, in standard deviations.
-LEVEL = float(np.sqrt(chdtri(3, 0.05)))
+LEVEL = float(np.sqrt(UNUSUAL.chi_square(3)))
 
 
 class Rig(NamedTuple):

@@ -31,6 +31,7 @@ from ...findings import (
     Finding,
     without_consequences,
 )
+from ...fit.likelihood.open_directions import MAX_ROTATION_SD_RAD
 from ...fit.likelihood.shared_groups import grouped
 from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey
@@ -41,8 +42,6 @@ from ...model.noise.models import Noise, is_joint
 from ..estimate.analysis import joint_sides
 from ..estimate.estimated import Estimated, distance_of
 
-# X is not determined beyond this standard deviation of its rotation: a first-order covariance means nothing there.
-MAX_ROTATION_SD_RAD = np.radians(20.0)
 # X is not determined beyond this standard deviation of its translation, in distances of the target.
 MAX_TRANSLATION_SD = 0.5
 # Of few poses, the others prove nothing where a larger share is rejected: they may agree on a wrong X by chance.

@@ -6,6 +6,8 @@ allocates. A list in a sentence, table or figure ends after a few entries and sa
 
 from __future__ import annotations
 
+import math
+
 # Descriptions: TOML, YAML, JSON, URDF, calibration files of robots. The largest seen has 0.4 MB.
 MAX_DESCRIPTION_BYTES = 20_000_000
 # Tables, arrays and results: a million poses with their covariances.
@@ -26,6 +28,8 @@ MAX_LINE_CHARACTERS = 10_000
 MAX_NAME_CHARACTERS = 200
 # Lengths (m) of a cell without a unit; larger ones are in another unit, as millimetres.
 MAX_PLAIN_LENGTH_M = 10.0
+# Angles (rad) of a cell without a unit; larger ones are in degrees.
+MAX_PLAIN_ANGLE_RAD = 2.0 * math.pi + 1e-3
 # Seconds to wait for another program: what writes a pipe or holds a lock, a cluster, a browser.
 MAX_WAIT_S = 120
 # Entries that a sentence names before "and n more", and rows that a printed table has.
@@ -45,3 +49,11 @@ MIN_POSES = 3
 MIN_POSES_FOR_ROBUST = 5
 # Share of the poses that is relied on, by their smallest residuals: all others may be wrong.
 MAJORITY = 0.6
+# Residuals beyond this many times the median are no chance: Gaussian noise reaches it in 3 of 1000 poses.
+OUTLIER_MEDIANS = 6.0
+# Share of chi-square, or of squared residuals, that another reading of the files may leave to explain them.
+MAX_LEFT_SHARE = 0.01
+# Standard deviation of a focal length, relative, above which distances are too uncertain.
+MAX_FOCAL_SD_SHARE = 0.01
+# Without a tolerance a check must show a shift of this share of the distance of the target, and this rotation (rad).
+VISIBLE_CHANGE = 0.01

@@ -13,6 +13,7 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import column
 from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED, DOUBTFUL
 from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
 # Rows that a table in a report has at most; the file of poses has all.
 MAX_TABLE_ROWS = 100
-# Share of good data sets in which a pose may be named as an outlier.
-SET_LEVEL = 0.01
 # Where the noise is estimated from the same poses, the largest distance has a heavier tail, by this factor.
 TAIL_OF_ESTIMATED = 1.25
 
@@ -138,7 +137,8 @@ class PoseTable(Record, Shown):
     @property
     def _of_set(self) -> float:
         """Factor of the limit of one pose (one good pose in 1000) to that of all poses: one good data set in 100."""
-        return TAIL_OF_ESTIMATED * float(chdtri(6, SET_LEVEL / max(10, len(self.counted))) / chdtri(6, 1e-3))
+        level = DOUBTFUL.probability / max(10, len(self.counted))
+        return TAIL_OF_ESTIMATED * float(chdtri(6, level) / chdtri(6, CONTRADICTED.probability))
 
     @property
     def limit_of_all(self) -> float:

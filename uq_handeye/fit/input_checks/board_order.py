@@ -26,11 +26,10 @@ from ...findings import Finding
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
 from .board_rotation import DECISIVE_DIFFERENCE_RAD, MAX_ANGLE_DIFFERENCE_RAD
+from .covariance_convention import MAX_POSES
 
 # Fewest poses whose readings are looked for: fewer fit by chance.
 MIN_POSES_FOR_ORDER = 8
-# Poses that are read jointly; the others follow from these.
-MAX_JOINT_POSES = 60
 # Starts of the search, and rounds in each of which one pose is read again.
 STARTS, MAX_SEARCH_ROUNDS = 12, 200
 # Mean difference of the angles that poses may leave as they are read, and share of them that may be undecided.
@@ -68,7 +67,7 @@ def _read(E: Array, C: Array, group: Array) -> tuple[NDArray[np.intp], NDArray[n
     it is clear; others have 0.
     """
     n, table = len(C), _Table(group)
-    some = np.unique(np.linspace(0, n - 1, min(n, MAX_JOINT_POSES)).astype(int))
+    some = np.unique(np.linspace(0, n - 1, min(n, MAX_POSES)).astype(int))
     joint = _labels(_costs(E[some], C[some], E[some], C[some], group), table)
     each = table.costs(_costs(E, C, E[some], C[some], group), joint) / len(some)
     best, next_best = np.sort(each, axis=1)[:, :2].T

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from ...core.geometry.se3 import Array, vee
+from ...core.numbers.levels import CONTRADICTED
 from ...model.poses.pose_pairs import PosePairs
 from .agreement import OUTLIER_RATIO, Agreement, agreement, motions_between
 from .readings import Reading
@@ -34,8 +35,8 @@ NEEDED_RATIO, MAX_CHANCE = 1.3, 1e-5
 # Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
 UNKNOWNS, BEYOND_A_FACTOR = 15, 8
 # The scale of one axis explains as much as the matrix where the root mean square is larger by less than this, or by no
-# more than chance makes it with this probability.
-AS_GOOD_RATIO, MIN_CHANCE_OF_THE_REST = 1.1, 1e-3
+# more than chance makes it (CONTRADICTED).
+AS_GOOD_RATIO = 1.1
 # What is left of translations without noise, as a share of what there was.
 ROUNDING = 1e-6
 # Rotations across the main axis have at least this share of the squares.
@@ -130,7 +131,7 @@ def _as_well(before: float, alone: float, after: float, dof: int) -> bool:
     """Return whether the scale of one axis explains the translations as well as the whole matrix does."""
     if alone < AS_GOOD_RATIO * after or alone < ROUNDING * before:
         return True
-    return alone < NEEDED_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > MIN_CHANCE_OF_THE_REST
+    return alone < NEEDED_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > CONTRADICTED.probability
 
 
 def _chance(before: float, after: float, dof: int, more: int) -> float:

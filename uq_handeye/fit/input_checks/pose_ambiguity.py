@@ -26,6 +26,7 @@ from scipy.special import chdtri
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import UNUSUAL
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...findings import Finding
 from ...model.camera.adjustment.bundle import BundleUnknowns, adjust
@@ -42,8 +43,6 @@ from ..likelihood.gauss_helmert import fit
 
 # Difference of the sums of squares, in variances of the pixel noise, below which both solutions fit about as well.
 SIMILAR_SQUARES = 12.0
-# Fewest poses of which some decide about others.
-MIN_POSES_FOR_AMBIGUITY = 5
 # The least noise of a robot pose, rad and m: it keeps a precise robot from deciding by its own error.
 MIN_ROBOT_NOISE = (np.radians(0.02), 1e-4)
 # The rotation residual of an outlier that is flipped falls by this factor, and below MAX_FLIPPED_RATIO times the median
@@ -100,12 +99,7 @@ def resolve_pose_ambiguity(poses: PosePairs) -> PosePairs:
     See the module; raises nothing where the other poses do not determine X.
     """
     seen = poses.camera_calibration
-    if (
-        seen is None
-        or poses.n < MIN_POSES_FOR_AMBIGUITY
-        or poses.robot.ndim != 3
-        or not _flat(seen.corners.on_board[0])
-    ):
+    if seen is None or poses.n < MIN_POSES_FOR_ROBUST or poses.robot.ndim != 3 or not _flat(seen.corners.on_board[0]):
         return poses
     if any(finding.code == CODE for finding in seen.findings):
         return poses
@@ -154,7 +148,7 @@ def flipped_rows(
 
     ``views`` are points and camera of a `CameraNoise`; without them the flip is that of a far target.
     """
-    if not rows or at.W is None or kept.sum() < MIN_POSES_FOR_AMBIGUITY:
+    if not rows or at.W is None or kept.sum() < MIN_POSES_FOR_ROBUST:
         return []
     some = poses.rows(np.array(rows))
     other = flipped(some.camera, np.zeros(3)) if views is None else _other_minimum(some.camera, views)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import OUTLIER_MEDIANS
 from ...findings import GROSS_EXCESS, Finding, Severity
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import Motions
@@ -34,8 +35,6 @@ LARGE_TRANSLATION_SHARE = 0.1
 MAX_SHARES_OF_CHANCE = np.array([MAX_NOISE_SHARE, 0.7])
 # An estimated size of the target is taken up to this ratio to the given one, either way.
 MAX_TARGET_RATIO = 1.25
-# A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
-CHANCE_RATIO = 6.0
 
 
 def check_fit(
@@ -197,7 +196,7 @@ def _outliers(what: str, angle: Array, distance: Array, size: float, explained: 
         typical = max(median(relative), least / float(unit.max()))
         if typical > 0:
             far = np.maximum(far, relative / typical)
-    rows = np.flatnonzero(far > CHANCE_RATIO * (1.0 + 4.0 / n))
+    rows = np.flatnonzero(far > OUTLIER_MEDIANS * (1.0 + 4.0 / n))
     if not rows.size:
         return []
     rows = rows[np.argsort(-far[rows])]

@@ -11,10 +11,11 @@ from itertools import pairwise
 from typing import Any
 
 from ...core.formatting.numbers import digits, times_of_noise
+from ...core.formatting.units import DEG_PER_RAD as _DEG
+from ...core.formatting.units import MM_PER_M as _MM
 from ...findings import MOTION, NOISE, OUTLIERS, filled, sentence
 from .readings import CAMERA, in_words, of_lengths, of_readings, option_of, view_in_words
 
-_DEG, _MM = 180.0 / math.pi, 1e3
 # A robot whose poses differ by less than this does not rotate.
 NO_ROTATION_RAD = 1e-3
 _NOISE_REMEDY = "leave the noise out, it is then estimated; or correct it"

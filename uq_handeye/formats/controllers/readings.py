@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_PLAIN_ANGLE_RAD
 from ...errors import InputError
 from ..contents import Contents, Reading, Side
 from ..rotations import rotation_form
@@ -21,8 +22,7 @@ from .forms import CONTROLLERS, PoseForm, forms_of
 
 # Translations that are all below the first are in m, and beyond the second in mm; between them both may be.
 MAX_ROBOT_REACH_M, MIN_ROBOT_REACH_MM = 5.0, 20.0
-# An angle in rad is at most a full circle; the rest is rounding.
-MAX_ANGLE_RAD = 2.0 * np.pi + 1e-3
+# An angle in degrees is at most a full circle; the rest is rounding.
 MAX_ANGLE_DEG = 360.1
 # Possible forms of three numbers whose names do not give the form; and of rx, ry, rz, each about its own axis.
 _UNSAID = forms_of("ur", "rpy", "XYZ-rad", "ZYX-rad", "ZYZ-rad", "kuka", "fanuc", "staubli", "kawasaki", "rotvec-deg")
@@ -157,7 +157,7 @@ def _angles(text: str, rotation: Array, unit: str | None, only: bool) -> list[st
     if unit is not None:
         return [stem + unit]
     largest = _largest(np.linalg.norm(rotation, axis=1) if stem == "rotvec-" else rotation)
-    if largest > MAX_ANGLE_RAD:
+    if largest > MAX_PLAIN_ANGLE_RAD:
         return [f"{stem}deg"]
     if text.endswith("rad") and (only or len(rotation) > 1 or stem == "rotvec-"):
         return [text]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED, UNUSUAL
+from ...core.numbers.limits import MAX_FOCAL_SD_SHARE
 from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
@@ -31,15 +32,22 @@ from .adjustment.setting import Known, Setting
 from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import FLAT, MEASURED, BoardShape, polynomial_shape, possible_shapes
 from .corners import MIN_CORNERS, Corners, without_pictures
-from .given_intrinsics import GivenIntrinsics, centred, finding_of, freed, given_test, opened, with_default_deviations
+from .given_intrinsics import (
+    CAUTION_SD,
+    GivenIntrinsics,
+    centred,
+    finding_of,
+    freed,
+    given_test,
+    opened,
+    with_default_deviations,
+)
 from .models import LINEAR, MODELS
 from .residual_pattern import Pattern, pattern_of
 from .result import CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
 MIN_PICTURES = 3
-# Standard deviation of the focal length, relative, above which distances are too uncertain.
-MAX_FOCAL_SD_SHARE = 0.01
 # Shifts of corners by bent edges below this are not reported.
 MIN_SHIFT_PX = 0.001
 # Fits after which the places of discs no longer follow the camera; two or three suffice.
@@ -50,9 +58,6 @@ MIN_STRETCH = 5e-4
 MAX_PIXEL_NOISE_PX = 3.0
 # Share of the corners that may be outliers.
 MAX_LEFT_OUT_SHARE = 0.02
-# Angle between the axes of two models that fit alike, in standard deviations of the one that is taken, above which it
-# is a caution.
-MAX_MODEL_ANGLE_SD = 3.0
 # Contradiction of given numbers, in standard deviations, below which they are not searched without them.
 MAX_AGREEMENT_SD = 2.0
 # Pixel noise above which the effect of other numbers may not be linear.
@@ -369,7 +374,7 @@ def _alike(bundle: Bundle, candidates: Sequence[Candidate]) -> list[Finding]:
     if sd == 0.0 or angle <= sd:  # an exact centre belongs to the user's model
         return []
     values = {"lens": lens, "angle": angle, "std": sd}
-    return [Finding("camera.models_alike", "caution" if angle > MAX_MODEL_ANGLE_SD * sd else "note", values)]
+    return [Finding("camera.models_alike", "caution" if angle > CAUTION_SD * sd else "note", values)]
 
 
 def _checked_size(image_size: tuple[int, int] | None, corners: Corners) -> tuple[int, int]:

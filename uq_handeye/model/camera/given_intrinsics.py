@@ -39,6 +39,7 @@ import numpy as np
 from scipy.special import chdtrc, erfc, ndtri
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_LEFT_SHARE
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...findings import Finding, Severity
 from .adjustment.bundle import Bundle, Sight
@@ -70,8 +71,6 @@ RESOLUTIONS = (2.0, 0.5, 1.5, 2 / 3, 3.0, 1 / 3, 4.0, 0.25, 0.75, 4 / 3, 1.25, 0
 REDUCTIONS = (2, 4, 8)
 # Shift of the centre (px) from which on it is described as a crop.
 MIN_CROP_PX = 4.0
-# A reading explains a contradiction where it leaves less than this share of its chi-square.
-MAX_READING_SHARE = 0.01
 # Readings that are listed, and the difference of their chi-square from that of the best.
 MAX_READING_DIFFERENCE = 6.0
 MAX_READINGS = 3
@@ -216,7 +215,7 @@ class GivenTest:
     def agrees(self, given: Array) -> bool:
         """Return whether other numbers in the place of those given agree with the data, or nearly so by comparison."""
         chi2 = self.chi2(given)
-        return chi2 < MAX_READING_SHARE * self.chi2() or _sigma(float(chdtrc(self.dof, chi2)), 1, 0.0) < CAUTION_SD
+        return chi2 < MAX_LEFT_SHARE * self.chi2() or _sigma(float(chdtrc(self.dof, chi2)), 1, 0.0) < CAUTION_SD
 
 
 def _explained(P: Array, v: Array, index: list[int]) -> float:

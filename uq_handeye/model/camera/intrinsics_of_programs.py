@@ -27,11 +27,9 @@ from ...core.files.json_values import Json, JsonObject
 from ...core.files.one_line import OF_DATA, refused, short
 from ...core.files.tree_values import fields_of, got, is_list, is_map, is_plain_number, item, items_of, number, vector
 from ...errors import InputError
-from .models import LINEAR, MODELS
+from .models import CORNER_PX, LINEAR, MODELS
 
 T = TypeVar("T")
-# The coordinate of the first pixel's centre where pixels are counted from the corner.
-CORNER = 0.5
 # Coefficients in OpenCV's order, by their number.
 BROWN = MODELS["brown_full"].coefficients
 # What programs call the models; None: no distortion.
@@ -256,7 +254,7 @@ def _azure(of: JsonObject, where: str) -> Found:
         raise InputError(f"{where}: codx and cody, a centre of distortion of its own, are not known here.")
     width, height = number(of.get("SensorWidth", 4096), where), number(of.get("SensorHeight", 3072), where)
     linear = (p[2] * width, p[3] * height, p[0] * width, p[1] * height)
-    found = found_of("brown", linear, [p[4], p[5], p[13], p[12], *p[6:10]], [width, height], where, CORNER)
+    found = found_of("brown", linear, [p[4], p[5], p[13], p[12], *p[6:10]], [width, height], where, CORNER_PX)
     return found._replace(sensor_of_43=True)
 
 
@@ -296,7 +294,7 @@ def intrinsics_of_colmap(text: str, name: str, camera: str | None) -> Found | No
     f, rest = p[: _COLMAP[called]], p[_COLMAP[called] :]
     if len(rest) < 2:
         raise InputError(f"{where}: expected the parameters of {called}, got {len(p)} numbers.")
-    return found_of(called, [f[0], f[-1], *rest[:2]], rest[2:], [width, height], where, CORNER)
+    return found_of(called, [f[0], f[-1], *rest[:2]], rest[2:], [width, height], where, CORNER_PX)
 
 
 def _nerfstudio(tree: JsonObject, name: str) -> Found:
@@ -308,7 +306,7 @@ def _nerfstudio(tree: JsonObject, name: str) -> Found:
     size = [tree["w"], tree["h"]] if {"w", "h"} <= set(tree) else None
     fy = tree.get("fl_y", tree["fl_x"])
     linear = [number(value, name) for value in (tree["fl_x"], fy, item(tree, "cx", name), item(tree, "cy", name))]
-    return found_of(called if called in ("OPENCV_FISHEYE", "PINHOLE") else "OPENCV", linear, d, size, name, CORNER)
+    return found_of(called if called in ("OPENCV_FISHEYE", "PINHOLE") else "OPENCV", linear, d, size, name, CORNER_PX)
 
 
 def _open3d(tree: JsonObject, name: str) -> Found:

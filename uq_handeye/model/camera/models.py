@@ -42,6 +42,8 @@ from ...core.geometry.se3 import Array
 LINEAR = ("fx", "fy", "cx", "cy")
 # Largest step of the inversion of a lens, in normalised coordinates.
 MAX_INVERSE_STEP = 0.2
+# What pixels counted from the corner of the first pixel are larger by.
+CORNER_PX = 0.5
 Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
 
 

@@ -16,11 +16,9 @@ from ...core.geometry.se3 import Array
 from .adjustment.bundle import BundleUnknowns, adjust
 from .board_shape import flat_shape
 from .corners import Corners
-from .models import MODELS
+from .models import CORNER_PX, MODELS
 
 PIXEL_ORIGINS = ("centre", "corner")
-# What pixels counted from the corner of the first pixel are larger by.
-CORNER_PX = 0.5
 
 
 def corners_from_centre(corners: Corners) -> Corners:

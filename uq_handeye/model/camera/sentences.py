@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...core.formatting.numbers import concise, digits, probability
+from ...core.formatting.units import DEG_PER_RAD as DEG
 from ...findings import CAMERA, sentence
-
-DEG = 180.0 / math.pi
 
 
 @sentence(

@@ -15,11 +15,8 @@ from scipy.ndimage import median
 
 from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST, OUTLIER_MEDIANS
 from ...core.numbers.rounding import TINY
-
-# A point agrees with a pose whose residual is below this multiple of the median residual of all points.
-AGREEING_MEDIANS = 6.0
 
 
 def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:
@@ -59,7 +56,7 @@ def consensus(y: Array, p: Array, pose: NDArray[np.intp], n: int, triples: int =
     """`robust_kabsch`; poses with points far off are solved again from up to ``triples`` triples of their points."""
     T = robust_kabsch(y, p, pose, n)
     r = np.linalg.norm(y - placed(T, p, pose), axis=-1)
-    far = AGREEING_MEDIANS * max(float(np.median(r)), TINY)
+    far = OUTLIER_MEDIANS * max(float(np.median(r)), TINY)
     largest = np.zeros(n)
     np.maximum.at(largest, pose, r)
     rng = np.random.default_rng(0)

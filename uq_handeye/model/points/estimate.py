@@ -26,7 +26,7 @@ PAGE = "docs/how-to/points.md"
 # Points whose second extent is below this share of the first lie in a line, for any noise that such points have.
 MIN_WIDTH_SHARE = 1e-2
 # A rotation about the line of the points that is less certain than this is not determined.
-MAX_ROTATION_SD_RAD = 0.2
+MAX_FITTED_ROTATION_SD_RAD = 0.2
 # Degrees of freedom that each estimated variance needs: its standard deviation is then known to a quarter.
 MIN_NOISE_DOF = 10.0
 
@@ -187,7 +187,7 @@ def _undetermined(found: Fit, matches: Matches, used: NDArray[np.bool_]) -> NDAr
     few = np.bincount(matches.pose[used], minlength=matches.n) < MIN_POINTS_PER_POSE
     sd = np.sqrt(np.linalg.eigvalsh(found.covariance[:, :3, :3])[:, -1])
     kept = matches.where(used)
-    return np.asarray(few | (sd > MAX_ROTATION_SD_RAD) | _in_line(kept.p, kept))
+    return np.asarray(few | (sd > MAX_FITTED_ROTATION_SD_RAD) | _in_line(kept.p, kept))
 
 
 def _in_line(points: Array, matches: Matches) -> NDArray[np.bool_]:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from ...core.geometry.se3 import Array
 from ...findings import Finding
-from ..camera.pixel_origin import CORNER_PX, poses_from_centre
+from ..camera.models import CORNER_PX
+from ..camera.pixel_origin import poses_from_centre
 from ..poses.pose_pairs import PosePairs
 
 

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.input_checks.pose_ambiguity import MIN_POSES_FOR_AMBIGUITY, decide
+from ...fit.input_checks.pose_ambiguity import decide
 from ...formats.ros_messages import MessageError, number, part
 from ...model.camera.adjustment.bundle import Bundle, BundleUnknowns, adjust
 from ...model.camera.adjustment.initial_guess import poses_of
@@ -151,7 +152,7 @@ def decide_stream(pairs: PosePairs, stream: Stream, minima: Minima) -> Decided |
     """
     row_of = {pose.tobytes(): k for k, pose in enumerate(np.ascontiguousarray(stream.poses))}
     found = [row_of.get(pose.tobytes()) for pose in np.ascontiguousarray(pairs.camera)]
-    if len(found) < MIN_POSES_FOR_AMBIGUITY or any(row is None for row in found):
+    if len(found) < MIN_POSES_FOR_ROBUST or any(row is None for row in found):
         return None
     rows = np.array(found, dtype=np.intp)
     here = Minima(minima.poses[:, rows], minima.own[:, rows], minima.squares[:, rows])

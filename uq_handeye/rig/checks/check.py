@@ -30,6 +30,7 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.se3 import Array, perturb
 from ...core.numbers.levels import POWER
+from ...core.numbers.limits import VISIBLE_CHANGE
 from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -50,10 +51,6 @@ from ..noise import RigNoise, given_covariances, given_key
 from ..poses import RigPoses
 from ..sizes import ALL_TARGETS, WIDTH, components_of, model_of
 from .paths import AS_GOOD_CHI_SQUARE
-
-# Without a tolerance a check must show a change of this share of the distance of the targets, and of this angle
-# (rad).
-VISIBLE_CHANGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)

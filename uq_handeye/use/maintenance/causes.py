@@ -39,6 +39,7 @@ from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED
 from ...core.runtime.read_only import ReadOnlyArrays
+from ...fit.likelihood.steps_in_time import MIN_MOMENTS
 from ...model.error_terms import keys
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows, PredictiveReference
@@ -58,12 +59,9 @@ MIN_PROBABILITY_NAMED, MIN_PROBABILITY_OF_SET = 0.98, 0.995
 MIN_PROBABILITY_LISTED = 0.01
 # A cause is named only if all others have this much more of deviance + p.
 MIN_DEVIANCE_LEAD = 1.0
-# A move among the new poses is one of at least so many, and explains more than one of all by this (chi-square), besides
-# what the choice of the pose gains by chance.
-MIN_POSES_OF_MOVE = 3
+# A move among the new poses explains more than one of all by this (chi-square), besides what the choice of the pose
+# gains by chance.
 MIN_GAIN_OF_LATER_MOVE = 10.0
-# From three poses on one that is wrong can be separated from a change.
-MIN_POSES_FOR_ONE_WRONG = 3
 
 
 # Prior probabilities of causes in a lab, if one has happened.
@@ -202,7 +200,7 @@ def compare_causes(
     for name, C in columns.items():
         add(name, C)
     m = len(evidence.r)
-    if m >= MIN_POSES_FOR_ONE_WRONG:
+    if m >= 3:  # one wrong pose can be separated from a change
         row, C = _most_outlying(evidence)
         add(ONE_POSE, C, m, row)
     found.sort(key=lambda one: -one[0])
@@ -236,7 +234,7 @@ def later_move(evidence: NewRows, columns: Mapping[str, Array]) -> tuple[str, in
     whole = max(evidence.explained_by(columns[name]).gain for name in moves)
     best, found = whole + MIN_GAIN_OF_LATER_MOVE + 2.0 * float(np.log(2 * m)), None
     for name in moves:
-        for row in range(MIN_POSES_OF_MOVE - 1, m - MIN_POSES_OF_MOVE + 1):
+        for row in range(MIN_MOMENTS - 1, m - MIN_MOMENTS + 1):
             C = columns[name].copy()
             C[:row] = 0.0
             if (gain := evidence.explained_by(C).gain) > best:

@@ -21,6 +21,7 @@ from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import difference
 from ...core.numbers.levels import DOUBTFUL, UNUSUAL
+from ...core.numbers.limits import VISIBLE_CHANGE
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.joint_covariance import Index
@@ -47,9 +48,6 @@ from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectab
 from .joined_poses import common_poses
 from .misread import misread, scale_finding
 
-# Without a tolerance: poses that would miss a shift of this share of the distance of the target, or a rotation of this
-# angle (rad), cannot say that nothing has changed.
-BLIND_SHARE = 0.01
 # Poses of joints that are farther from those of the files (rad, share of the reach) are of another arm.
 ANOTHER_ARM_SHARE = 0.05
 # Where the focal length explains the poses, a smaller factor on translations than 1.2 is no other reading of the files.
@@ -237,7 +235,7 @@ def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEv
     """Return what these poses would have missed, if that matters."""
     if accepted is None:
         distance = float(np.median(np.linalg.norm(evidence.camera[:, :3, 3], axis=-1)))
-        limits: tuple[float | None, float | None] = BLIND_SHARE * distance, BLIND_SHARE
+        limits: tuple[float | None, float | None] = VISIBLE_CHANGE * distance, VISIBLE_CHANGE
     else:
         limits = accepted.translation, accepted.rotation
     found = detectable.X_translation, detectable.X_rotation

@@ -15,14 +15,13 @@ from scipy.optimize import linear_sum_assignment
 
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array, inverse, logarithm
+from ...core.numbers.limits import MAX_LEFT_SHARE
 from ...core.numbers.rounding import TINY
 from ...findings import GROSS_EXCESS, Finding
 from ...fit.input_checks.misread_files import rotation_readings
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows
 
-# Share of d^2, or of squared residuals, that a reading of the files may leave to explain what the given one does not.
-MAX_LEFT_SHARE = 0.01
 # Findings that say that the files are misread, or of another rig.
 MISREAD = ("maintenance.misread", "maintenance.pairing", "maintenance.another_rig")
 # How files may be meant: the values of the finding.

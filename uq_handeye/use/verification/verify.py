@@ -18,10 +18,10 @@ from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_
 from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.limits import MAX_LEFT_SHARE
 from ...core.numbers.rounding import THIRD_DIGITS
 from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
-from ..maintenance.misread import MAX_LEFT_SHARE
 from ..maintenance.update import require_other_touches
 from .next_touches import next_touches
 from .power import Bias, bias_of, limit, touches_needed

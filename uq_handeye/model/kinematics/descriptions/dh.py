@@ -52,14 +52,14 @@ from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_LENGTH_M
+from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
 from ....errors import InputError, among
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 CONVENTIONS = ("standard", "modified")
 KINDS = (REVOLUTE, PRISMATIC, "fixed")
-# Largest numbers without a unit; larger ones are in degrees or millimetres, not in rad or m.
-MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LIMIT_RAD = 2 * np.pi + 1e-3, 8 * np.pi + 1e-3
+# Largest limit of a joint without a unit (rad); larger ones are in degrees.
+MAX_PLAIN_LIMIT_RAD = 8 * np.pi + 1e-3
 
 # A field of a row: a number, text, or text with the unit of its column.
 Cell: TypeAlias = float | str | tuple[str, str | None]

@@ -22,10 +22,9 @@ from ....core.files.tree_values import got, is_map, item, number
 from ....core.files.trees import parse_tree
 from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_LENGTH_M
+from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint
-from .dh import MAX_PLAIN_ANGLE_RAD
 from .urdf import Tree, chain_of, read_tree
 
 # The links whose origins the file has, and the joints that move them.
