@@ -66,28 +66,28 @@ def _read(E: Array, C: Array, group: Array) -> tuple[NDArray[np.intp], NDArray[n
     """Return the element of the group (n,) by which each pose is turned, the commonest one 0, and of which poses (n,)
     it is clear; others have 0.
     """
-    n, table = len(C), _Table(group)
+    n, ratio = len(C), _ratios(group)
     some = np.unique(np.linspace(0, n - 1, min(n, MAX_POSES)).astype(int))
-    joint = _labels(_costs(E[some], C[some], E[some], C[some], group), table)
-    each = table.costs(_costs(E, C, E[some], C[some], group), joint) / len(some)
+    joint = _labels(_costs(E[some], C[some], E[some], C[some], group), ratio)
+    each = _costs_of(_costs(E, C, E[some], C[some], group), ratio, joint) / len(some)
     best, next_best = np.sort(each, axis=1)[:, :2].T
     decided = (best < MAX_MEAN_DIFFERENCE_RAD) & (next_best > np.maximum(best + DECISIVE_DIFFERENCE_RAD, 2.0 * best))
     labels = each.argmin(axis=1)
-    labels = table.ratio[labels, np.bincount(labels).argmax()]
+    labels = ratio[labels, np.bincount(labels).argmax()]
     return np.where(decided, labels, 0), decided
 
 
-class _Table:
-    """Products of the elements of a group."""
+def _ratios(group: Array) -> NDArray[np.intp]:
+    """Return the numbers (g, g) of the elements ``a b^-1`` of a group."""
+    quotients = group[:, None] @ group.mT
+    ratio: NDArray[np.intp] = np.einsum("abij,cij->abc", quotients, group).argmax(axis=-1)
+    return ratio
 
-    def __init__(self, group: Array) -> None:
-        quotients = group[:, None] @ group.mT
-        self.ratio = np.einsum("abij,cij->abc", quotients, group).argmax(axis=-1)  # (a, b): number of a b^-1
 
-    def costs(self, cost: Array, labels: NDArray[np.intp]) -> Array:
-        """Return the cost (n, g) of each element for pose i, the others (m,) as ``labels`` say; ``cost`` (n, m, g)."""
-        index = self.ratio[:, labels].T[None]  # (1, m, g)
-        return np.asarray(np.take_along_axis(cost, np.broadcast_to(index, cost.shape), axis=2).sum(axis=1))
+def _costs_of(cost: Array, ratio: NDArray[np.intp], labels: NDArray[np.intp]) -> Array:
+    """Return the cost (n, g) of each element for pose i, the others (m,) as ``labels`` say; ``cost`` (n, m, g)."""
+    index = ratio[:, labels].T[None]  # (1, m, g)
+    return np.asarray(np.take_along_axis(cost, np.broadcast_to(index, cost.shape), axis=2).sum(axis=1))
 
 
 def _costs(E: Array, C: Array, E_others: Array, C_others: Array, group: Array) -> Array:
@@ -97,13 +97,13 @@ def _costs(E: Array, C: Array, E_others: Array, C_others: Array, group: Array) -
     return np.asarray(np.minimum(np.abs(robot[..., None] - camera), MAX_ANGLE_DIFFERENCE_RAD))
 
 
-def _labels(cost: Array, table: _Table) -> NDArray[np.intp]:
+def _labels(cost: Array, ratio: NDArray[np.intp]) -> NDArray[np.intp]:
     """Label all poses as they fit one of them, for several such starts; then one after the other as they fit all."""
     every, best = np.arange(len(cost)), (np.inf, np.zeros(len(cost), dtype=np.intp))
     for first in np.unique(np.linspace(0, len(cost) - 1, min(len(cost), STARTS)).astype(int)):
         labels = cost[:, first].argmin(axis=1).astype(np.intp)
         for _ in range(MAX_SEARCH_ROUNDS):
-            each = table.costs(cost, labels)
+            each = _costs_of(cost, ratio, labels)
             gain = each[every, labels] - each.min(axis=1)
             worst = int(np.argmax(gain))
             if gain[worst] <= SOLUTION_ROUNDING:

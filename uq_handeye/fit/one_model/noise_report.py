@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ _SIDES = {Owner.ROBOT: "robot", Owner.CAMERA: "camera", Owner.A: "robot", Owner.
 UNITS = {Kind.ROTATION: "rad", Kind.TRANSLATION: "m"}
 
 
-@dataclass(frozen=True, eq=False)
-class _Spread:
+class _Spread(NamedTuple):
     """A standard deviation over the posterior of the sizes: its logarithm has this mean and deviation."""
 
     mean: float

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,8 +295,7 @@ class OpenSizes(ReadOnlyArrays):
 _ARRAYS = ("of_poses", "theta", "weights", "mean_theta", "order", "unit", "beside")
 
 
-@dataclass(frozen=True, eq=False)
-class _Gaussian:
+class _Gaussian(NamedTuple):
     """A posterior at given sizes, by the factor of its covariance (`posterior.rows.Joint`)."""
 
     A: Array

@@ -167,12 +167,11 @@ def _parts(bare: str) -> list[str]:
     return parts
 
 
-@dataclass
-class _Series:
+class _Series(NamedTuple):
     """Columns whose names differ in a number only."""
 
     words: frozenset[str]
-    columns: dict[int, list[Column]] = field(default_factory=dict)
+    columns: dict[int, list[Column]]
 
     def start(self, n_joints: int) -> int | None:
         """Return the number of the first joint, None if the numbers are not those of the joints."""
@@ -193,7 +192,7 @@ def _of_series(names: Sequence[str], arm: Joints, where: str) -> JointColumns:
         for match in _NUMBER.finditer(bare):
             before, after = bare[: match.start()].lower(), _AXIS_LETTER.sub("", bare[match.end() :].lower(), count=1)
             words = frozenset(re.findall(r"[a-z]+", f"{before} {after}"))
-            of = series.setdefault((before, after), _Series(words))
+            of = series.setdefault((before, after), _Series(words, {}))
             of.columns.setdefault(int(match[1]), []).append((k, unit))
     whole = [of for of in series.values() if of.start(n_joints) is not None and not of.words & _NO_POSITIONS]
     whole = [of for of in whole if not of.words & _TARGETS] or whole

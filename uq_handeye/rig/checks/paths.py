@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,8 +207,7 @@ def _in_time(rig: Rig, found: RigFit) -> list[RigPath]:
     return paths
 
 
-@dataclass(frozen=True, eq=False)
-class _Copied:
+class _Copied(NamedTuple):
     """A path, fitted with the copy of its pose."""
 
     path: RigPath
@@ -463,7 +462,7 @@ def _kind(rig: Rig, name: str) -> str:
 def _finding(rig: Rig, best: _Copied, p: float, others: list[RigPath]) -> Finding:
     path = best.path
     kind = _kind(rig, path.name)
-    values: dict[str, Any] = {
+    values = {
         "kind": kind, "name": path.name, **sizes_of_move(best.change, best.covariance), "chi_square": best.square,
         "p": p, "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],
     }  # fmt: skip

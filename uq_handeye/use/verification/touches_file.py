@@ -23,8 +23,7 @@ Millimetres that were taken for metres, and metres for millimetres, are refused 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,8 +64,7 @@ _OTHER_NAMES = {
 }
 
 
-@dataclass
-class _Touches:
+class _Touches(NamedTuple):
     """Columns of a file by their names, and their units."""
 
     table: Table

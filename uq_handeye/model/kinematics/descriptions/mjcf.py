@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from typing import NamedTuple
 from xml.parsers import expat
 
 import numpy as np
@@ -52,29 +52,26 @@ NOT_READ = ("include", "attach", "replicate")
 FLANGES = ("attachment_site", "flange", "tool0")
 
 
-@dataclass
-class _Element:
+class _Element(NamedTuple):
     """An element of the file, and the line that it begins on."""
 
     tag: str
     attributes: dict[str, str]
     line: int
-    children: list[_Element] = field(default_factory=list)
+    children: list[_Element]
 
 
-@dataclass
-class _Frame:
+class _Frame(NamedTuple):
     """A body or site: its place in the body above, and joints in their order."""
 
     name: str
     above: str | None
     origin: Array
-    joints: list[_Joint] = field(default_factory=list)
+    joints: list[_Joint]
     is_site: bool = False
 
 
-@dataclass
-class _Joint:
+class _Joint(NamedTuple):
     """A joint in the frame of its body."""
 
     name: str
@@ -123,7 +120,7 @@ def _tree(text: str, where: str) -> _Element:
             raise InputError(f"{at}: expected at most {10 * MAX_DEPTH} levels, got more.")
         if count > MAX_PARTS:
             raise InputError(f"{at}: expected at most {MAX_PARTS} elements, got more.")
-        element = _Element(tag, attributes, parser.CurrentLineNumber)
+        element = _Element(tag, attributes, parser.CurrentLineNumber, [])
         (stack[-1].children if stack else root).append(element)
         stack.append(element)
 
@@ -166,7 +163,7 @@ class _Model:
         self.defaults: dict[str, dict[str, dict[str, str]]] = {"main": {}}
         for element in self._all(root, "default"):
             self._read_default(element, {}, top=True)
-        self.frames: dict[str, _Frame] = {WORLD: _Frame(WORLD, None, np.eye(4))}
+        self.frames: dict[str, _Frame] = {WORLD: _Frame(WORLD, None, np.eye(4), [])}
         self.joint_names: set[str] = set()
         for element in self._all(root, "worldbody"):
             self._read_children(element, WORLD, np.eye(4), "main")
@@ -214,7 +211,7 @@ class _Model:
         name = element.attributes.get("class", childclass)
         self._require_class(element, name)
         given = _replaced(self.defaults[name].get(element.tag, {}), element.attributes)
-        return _Element(element.tag, given, element.line)
+        return _Element(element.tag, given, element.line, [])
 
     def _require_class(self, element: _Element, name: str) -> None:
         if name not in self.defaults:
@@ -250,7 +247,7 @@ class _Model:
                 raise InputError(f"{self._at(element)}: there are two bodies of this name.")
         if (longest := float(np.abs(origin[:3, 3]).max())) > MAX_ORIGIN_M:
             raise InputError(f"{self._at(element)} is {longest:g} m away; is the model in millimetres?")
-        self.frames[name] = _Frame(name, above, origin, is_site=element.tag == "site")
+        self.frames[name] = _Frame(name, above, origin, [], is_site=element.tag == "site")
         return name
 
     def _add_joint(self, element: _Element, body: str, T: Array, childclass: str) -> None:

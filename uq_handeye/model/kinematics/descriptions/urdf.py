@@ -14,7 +14,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from typing import NamedTuple
 from xml.parsers import expat
@@ -40,14 +40,13 @@ MAX_PARTS = 100_000
 _PARTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
 
-@dataclass
-class _Joint:
+class _Joint(NamedTuple):
     """A joint as the file has it."""
 
     name: str
     type: str
     line: int
-    parts: dict[str, dict[str, str]] = field(default_factory=dict)
+    parts: dict[str, dict[str, str]]
 
     @property
     def parent(self) -> str:
@@ -156,7 +155,7 @@ def _parse(text: str, where: str) -> Tree:
                 tree.links[name] = None
             else:
                 names.add(name)
-                current = _Joint(name, attributes.get("type", ""), parser.CurrentLineNumber)
+                current = _Joint(name, attributes.get("type", ""), parser.CurrentLineNumber, {})
                 tree.joints.append(current)
         elif len(stack) == 3 and current is not None and tag in _PARTS:
             if tag in current.parts:
