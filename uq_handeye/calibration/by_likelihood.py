@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,9 @@ from ..model.error_terms.keys import (
     VIEW,
 )
 from ..model.kinematics.kinematic_errors import ACCURATE
+from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
+from ..model.noise.square_roots import Covariance
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import residuals, summarise
@@ -251,7 +252,7 @@ def _slack(job: Job) -> tuple[float, float]:
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     """Return the components of a request whose noise is to be estimated."""
     poses, robot = job.poses, job.robot_noise
-    camera: Any = job.camera_noise
+    camera: Covariance | CameraNoise | None = job.camera_noise
     if job.given is not None:  # a side that it leaves out is exact
         camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
     errors = job.shared
@@ -262,9 +263,18 @@ def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
         and job.given is None
     ):
         errors = (*errors, *assumed_drift(poses))
-    beside: dict[str, Any] = {"pose_prior": job.pose_prior, "arm": job.columns_of_arm}
-    beside |= {"sizes": job.request.sizes, "more": job.request.components}
-    return JointModel.beside(constraint, poses, job.request.prior, camera, robot, errors, **beside)
+    return JointModel.beside(
+        constraint,
+        poses,
+        job.request.prior,
+        camera,
+        robot,
+        errors,
+        pose_prior=job.pose_prior,
+        arm=job.columns_of_arm,
+        sizes=job.request.sizes,
+        more=job.request.components,
+    )
 
 
 def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:

@@ -66,7 +66,7 @@ class BagGiven:
 
     def sensors_with(
         self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None
-    ) -> "tuple[Sensors, Any, Arm | None]":
+    ) -> tuple["Sensors", Views | None, Arm | None]:
         """Return the streams of the bag, and of ``files`` for the side that it does not give.
 
         And the views of tags seen by their corners, and the arm.

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import typer
 
@@ -261,7 +261,9 @@ def _open_log(path: Path) -> None:
     LOG.debug("uq-handeye %s: %s (in %s)", __version__, command_line(), Path.cwd())
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+def _show_warning(
+    message: Warning | str, category: type[Warning], *_: str | int | TextIO | None, **__: str | int | TextIO | None
+) -> None:
     if _run.held is not None and issubclass(category, InputWarning):
         _run.held.append((str(message), category))
     else:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
 from .shared_errors import SharedOptions
@@ -122,12 +122,14 @@ def given_of(options: NoiseOptions, shared: SharedOptions) -> Given:
     return Given(*options.read(), shared, options.noise, options.reading, options)
 
 
-def noise_of_rig(given: Given, arms: Sequence[str], cameras: Sequence[str]) -> "dict[str, Any] | None":
+def noise_of_rig(
+    given: Given, arms: Sequence[str], cameras: Sequence[str]
+) -> dict[str, str | tuple[float, float]] | None:
     """Return noise by the names of arms and cameras, None where it is given for none or all of them alike."""
     options = given.options
     if options is None or not options.by_name:
         return None
-    found: dict[str, Any] = {}
+    found: dict[str, str | tuple[float, float]] = {}
     for option, names, text in (
         ("--robot-noise", arms, options.robot_noise),
         ("--camera-noise", cameras, options.camera_noise),

@@ -199,7 +199,9 @@ class Scene(Pictures):
         return pairs
 
 
-def known_of_scene(text: str | None, roi: tuple[int, int, int, int] | None) -> "dict[str, Any] | None":
+def known_of_scene(
+    text: str | None, roi: tuple[int, int, int, int] | None
+) -> "dict[str, float | tuple[float, float]] | None":
     """Return the known intrinsics of ``FILE[,exact]`` for pictures of a scene."""
     if text is None:
         return None

@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
     from ..rig.description import Rig
+    from ..rig.noise import NoiseByName
     from .noise import Given
     from .pose_files import PoseFiles
 
-    Described = tuple[Rig, Any]
+    Described = tuple[Rig, NoiseByName | None]
 
 # Options of the files of several cameras.
 OF_FILES = {"--camera", "--setup", "--pair", "--time-tolerance", "--robot-noise", "--camera-noise", "--noise",

@@ -1,5 +1,6 @@
 """The commands for a rig of several cameras, targets and arms: calibrate, check, update, predict and plan."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,10 @@ from .stored import refuse
 from .values import by_names, coordinates, one_of
 
 if TYPE_CHECKING:
+    from ..core.files.json_values import JsonObject
+    from ..model.noise.models import Noise
     from ..rig.description import Rig
+    from ..rig.noise import NoiseOfOne
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
@@ -108,7 +112,7 @@ def _with_class(rig: "Rig", text: str | None) -> "Rig":
     return replace(rig, arms=found)
 
 
-def _of_cameras(data: "Data") -> "tuple[Rig, Any]":
+def _of_cameras(data: "Data") -> "tuple[Rig, Noise | Mapping[str, NoiseOfOne] | None]":
     """Return the rig of a file for each camera, and its noise."""
     from ..rig.files.pose_rows import read_rows, rig_of_files
     from ..rig.files.sources import arm_poses, joint_rows
@@ -190,7 +194,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
             how = {"details": wishes.details, "paper": wishes.paper}
             written += f"\nWrote {result.report(outputs.report, about=wishes.about, verdicts=badges, **how)}\n"
     if outputs.as_json:
-        more_of: dict[str, Any] = {"usable": result.usable, "reasons": list(result.reasons)}
+        more_of: JsonObject = {"usable": result.usable, "reasons": list(result.reasons)}
         more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(signed_text(result.to_dict() | more_of))
     elif quiet():

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, is_p
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..errors import InputError
-from .contents import FRAMES, Contents, matrices_side
+from .contents import FRAMES, Contents, Side, matrices_side
 
 # The names of rotation and translation, the side and the frame that OpenCV documents.
 PAIRS = (
@@ -59,7 +58,7 @@ def read_opencv(tree: Tree, name: str) -> Contents:
         if {R_name, t_name} <= set(tree) and not set(tree) & {"rvecs", "tvecs"}:
             plural = {R_name: "rvecs", t_name: "tvecs"}
             tree = {plural.get(key, key): value for key, value in tree.items()}
-    sides: dict[str, Any] = {}
+    sides: dict[str, Side] = {}
     notes: list[str] = []
 
     def take(role: str, key: str, T: Array, frame: str) -> None:

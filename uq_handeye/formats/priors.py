@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..core.files.open import StrPath, as_path, opened
@@ -99,7 +97,7 @@ def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
     return pose, reading.read(covariance, pose, str(target))
 
 
-def _one_of(value: Tree, meanings: dict[Any, bool]) -> bool:
+def _one_of(value: Tree, meanings: dict[str | bool, bool]) -> bool:
     if not isinstance(value, str | bool) or value not in meanings:
         raise ValueError(f"{value!r} in place of {' or '.join(map(str, meanings)).lower()}")
     return meanings[value]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..calibration.moves import MOVED
 from ..calibration.report.budget import budget_table
@@ -15,7 +15,7 @@ from ..calibration.statement.tolerance import Verdict
 from ..core.formatting.numbers import fixed
 from ..core.formatting.units import MM_PER_M
 from ..core.numbers.limits import MAX_NAMED
-from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
 from .sections import colour_of, needs
 
@@ -160,7 +160,7 @@ def _budget(result: Calibration) -> list[Block]:
     if table is None:
         return [Paragraph(needs("The budget is computed", result), empty=True)]
     columns = [0, 2, 3, 4, 5]
-    rows: list[Any] = [[row[k] for k in columns] if row else row for row in table.rows]
+    rows: list[Sequence[Cell]] = [[row[k] for k in columns] if row else row for row in table.rows]
     head = [table.head[k] for k in columns]
     caption = (
         "Standard uncertainties u of translation and rotation per axis (root mean square), and shares of the variance "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -67,7 +67,7 @@ def _moments(text: str, moments: Sequence[Hashable], timed: bool, of: str) -> li
     if text in by_name and not (timed and text.isdigit()):
         return [by_name[text]]
     numbered = {moment: moment for moment in moments if type(moment) is int and not timed}
-    places: Any = numbered if len(numbered) == len(moments) else dict(enumerate(moments))
+    places: Mapping[int, Hashable] = numbered if len(numbered) == len(moments) else dict(enumerate(moments))
     found = []
     for number in numbers_of(text, f"`{of}`"):
         if number not in places:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -128,7 +128,7 @@ def write_corrected_urdf(
     if target.suffix.lower() != ".urdf":
         raise InputError(f"Expected a corrected URDF to end in .urdf, got {shown(target)}.")
     found = corrected_urdf(fitted, urdf, narrower)
-    files: dict[str, Any] = {target.name: found.text, f"{target.stem}{BESIDE}": json_text(found.to_dict())}
+    files: dict[str, str] = {target.name: found.text, f"{target.stem}{BESIDE}": json_text(found.to_dict())}
     write_files(Path(target).parent, files)
     return found
 

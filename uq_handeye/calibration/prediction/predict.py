@@ -23,7 +23,7 @@ too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias, Union
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,7 @@ from ...model.kinematics.arms.elbow import elbow_moved
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, effects_of_errors, frame_key
 from ...model.kinematics.workspace_gauge import frame_columns
+from ...model.noise.joint_covariance import JointCovariance
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import FreshNoise, Posterior
@@ -412,7 +413,7 @@ def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: A
             found[..., index] = error.at(poses)
     before = poses_so_far(result)
     index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
-    S: Any = getattr(result.noise, "camera", None)
+    S: JointCovariance | None = getattr(result.noise, "camera", None)
     if side == "camera" and index and seen is not None and S is not None:
         so_far = S.shared[..., [key in (None, INTRINSICS) for key in S.keys]]
         found[..., index] = seen.shared_ahead(camera, so_far)

@@ -20,7 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
@@ -257,7 +257,7 @@ def _limits(scene: Rig) -> tuple[Array, Array]:
 
 def _legend(figure: Figure, scene: Rig) -> None:
     one = len(scene.cameras) == 1
-    handles: list[Any] = [
+    handles = [
         Line2D([], [], marker="s", linestyle="", color="black", markersize=5, label="base, with its axes"),
         Line2D([], [], marker="o", linestyle="", color=QUIET, markersize=4, label="grippers"),
         Line2D([], [], color=BLUE, linewidth=1.2, label="camera" if one else "cameras"),
@@ -322,5 +322,5 @@ def _rows(T: Array) -> list[float]:
     return [float(f"{x:.5g}") for x in np.asarray(T)[:3].ravel().round(6)]
 
 
-def _short(values: Any) -> Any:
+def _short(values: ArrayLike) -> Array:
     return np.asarray(values, dtype=float).round(5) + 0.0

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Tolerance:
         Raises `InputError` on anything else.
         """
         distance = None if at is None else _length(at, "at")
-        parts: list[Any]
+        parts: list[str | float | None]
         match tolerance:
             case Tolerance():
                 return tolerance if at is None else cls(tolerance.translation, tolerance.rotation, distance)

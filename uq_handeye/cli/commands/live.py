@@ -183,7 +183,7 @@ def _stay(shown: "BrowserPage", page: PageOptions, said: str = "", ended: Callab
     return 0
 
 
-def _deliver(folder: Path) -> Any:
+def _deliver(folder: Path) -> "Callable[[Answer], Path]":
     """Return what writes result, exports and report of an answer as ``calibrate -o`` does."""
 
     def deliver(answer: "Answer") -> Path:

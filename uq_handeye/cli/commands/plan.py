@@ -19,6 +19,7 @@ from ..values import one_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
+    from ...use.planning.result import Plan
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
@@ -208,7 +209,7 @@ def _plan_of_result(
     _deliver(found, form, as_json, output)
 
 
-def _deliver(found: Any, form: str | None, as_json: bool, output: Path | None) -> None:
+def _deliver(found: "Plan", form: str | None, as_json: bool, output: Path | None) -> None:
     if form is not None:
         if found.joints is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")

@@ -1,7 +1,7 @@
 """Command ``verify``: a stored result tested by points that the camera saw and the tool touched."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...core.files.csv_text import csv_text
 from ...core.files.json_files import json_text
@@ -15,8 +15,11 @@ from ..touches import TouchOptions
 from ..values import metres, one_of
 
 if TYPE_CHECKING:
+    from ...calibration.result import Calibration
     from ...core.geometry.se3 import Array
     from ...use.verification.result import Verification
+    from ...use.verification.verify_cameras import CameraVerification
+    from ...use.verification.verify_poses import PoseVerification
 
 
 def verify_command(
@@ -93,7 +96,9 @@ def _by_cameras(result: Path, camera_poses: Path, touching: TouchOptions, as_jso
     return _deliver(found, as_json, output, {})
 
 
-def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
+def _by_poses(
+    stored: "Calibration", poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None
+) -> int:
     from ...read import read_poses
     from ...use.verification.verify_poses import verify_poses
 
@@ -102,7 +107,12 @@ def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_
     return _deliver(found, as_json, output, {})
 
 
-def _deliver(found: Any, as_json: bool, output: Path | None, tables: dict[str, str]) -> int:
+def _deliver(
+    found: "Verification | PoseVerification | CameraVerification",
+    as_json: bool,
+    output: Path | None,
+    tables: dict[str, str],
+) -> int:
     """Print a verification, write its files, and return the exit status."""
     from ...core.presentation.document import document_of
 

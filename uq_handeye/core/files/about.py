@@ -8,7 +8,6 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from ...errors import InputError
 from .open import as_path, shown
@@ -35,7 +34,7 @@ OF_CERTIFICATE = ("environment", "reference", "organisation", "number")
 MAX_VALUE_CHARACTERS, MAX_NOTE_CHARACTERS = 80, 300
 
 
-def as_about(values: Mapping[str, Any], where: str = "about") -> dict[str, str]:
+def as_about(values: Mapping[str, str | int | datetime.date | datetime.time], where: str = "about") -> dict[str, str]:
     """Return the texts of a title block in the order of the report, without those that are empty.
 
     Parameters
@@ -74,7 +73,7 @@ def read_about(texts: Iterable[str]) -> dict[str, str]:
     return as_about(found)
 
 
-def _text(value: Any, name: str, where: str) -> str:
+def _text(value: str | int | datetime.date | datetime.time, name: str, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | datetime.date | datetime.time):
         raise InputError(f"Expected {name} in {where} to be text, got {type(value).__name__}.")
     text = " ".join(str(value).split())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite, isinf
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +30,7 @@ def rough(value: float) -> str:
     return digits(float(f"{value:.1e}"), 2)
 
 
-def fixed(value: float | np.floating[Any], significant: int = SIGNIFICANT_DIGITS) -> str:
+def fixed(value: float, significant: int = SIGNIFICANT_DIGITS) -> str:
     """Format as `digits`, but keep the zeros at the end: for columns of a table; infinite is "not determined".
 
     >>> fixed(0.8), fixed(10), fixed(1234.5), fixed(0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ..files.json_files import json_text
+from ..files.json_values import JsonObject
 from ..files.open import StrPath
 from .document import WIDTH, document_of, to_text
 from .html import html_of
@@ -33,7 +34,7 @@ class Shown:
         """Return the result for notebooks."""
         return html_of(self)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Return everything as plain numbers, lists and text."""
         raise NotImplementedError
 

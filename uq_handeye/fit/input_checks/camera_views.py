@@ -9,7 +9,6 @@ its optical axis, and in nearly the same direction throughout. Trackers have no 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from ...findings import Finding
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.target_views import direction_spread
 from .misread_files import inverted_on_request
+from .readings import Reading
 
 # A camera sees what stands within this angle of its optical axis.
 MAX_OFF_AXIS_RAD = np.radians(60.0)
@@ -49,7 +49,7 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
     if seen < UNSEEN_SHARE:
         better = [one for one in readings if one["seen"] >= SEEN_SHARE]
         better.sort(key=lambda one: one["spread"])
-        values: dict[str, Any] = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
+        values = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
         # without a likelier reading it may well be a tracker
         return [Finding("input_checks.target_unseen", "caution" if better else "note", values)]
     if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
@@ -82,7 +82,7 @@ def share_ahead(T: Array, within: float = MAX_OFF_AXIS_RAD) -> float:
     return float(np.mean(t[:, 2] > np.cos(within) * np.linalg.norm(t, axis=1)))
 
 
-def _readings(poses: PosePairs, X: Array) -> list[dict[str, Any]]:
+def _readings(poses: PosePairs, X: Array) -> list[Reading]:
     """Return the readings that fit as well: ``kind``, the share of targets ``seen``, ``spread`` of directions (rad).
 
     Of those that give X another place, ``length`` is that of what is on the gripper (m), and ``given`` the one as read.
@@ -92,7 +92,7 @@ def _readings(poses: PosePairs, X: Array) -> list[dict[str, Any]]:
     W = poses.effective_robot @ X @ C
     long_X, long_W = float(np.linalg.norm(X[:3, 3])), float(np.linalg.norm(np.median(W[:, :3, 3], axis=0)))
     on_gripper, fixed = (long_X, long_W) if in_hand else (long_W, long_X)
-    found: list[dict[str, Any]] = []
+    found: list[Reading] = []
     for name in OTHER_CONVENTIONS:
         turned = CAMERA_CONVENTIONS[name] @ C
         found.append({"kind": "convention", "name": name, **_views(turned)})

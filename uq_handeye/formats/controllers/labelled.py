@@ -11,7 +11,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import TypeAlias
 
 from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ...errors import InputError
@@ -20,6 +20,8 @@ from ..number_table import MAX_HEAD_LINES, NUMBER
 from .records import records_side
 from .tables import HELP
 
+# Parts of a pose by their names: numbers, or rows of a matrix.
+Entry: TypeAlias = dict[str, list[float] | list[list[float]]]
 _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
 _LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
 _PART = re.compile(rf"""{_LABEL}\s*[:=]\s*[\[("]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])"]?""")
@@ -58,7 +60,7 @@ def read_labelled(text: str, name: str) -> Contents:
     return Contents(only=side)
 
 
-def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
+def _entries(text: str, most: int | None) -> Iterator[Entry]:
     """Yield position and rotation of each pose, of the first lines only if ``most`` is given."""
     if most is not None:
         text = "\n".join(text.split("\n", 3 * most)[: 3 * most])
@@ -67,8 +69,8 @@ def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
     yield from _of_cells(text) if cells else _of_lines(text)
 
 
-def _of_lines(text: str) -> Iterator[dict[str, Any]]:
-    entry: dict[str, Any] = {}
+def _of_lines(text: str) -> Iterator[Entry]:
+    entry: Entry = {}
     for line in text.split("\n"):
         if len(line) > MAX_LINE_CHARACTERS:
             continue
@@ -84,7 +86,7 @@ def _of_lines(text: str) -> Iterator[dict[str, Any]]:
         yield entry
 
 
-def _of_cells(text: str) -> Iterator[dict[str, Any]]:
+def _of_cells(text: str) -> Iterator[Entry]:
     first = text.partition("\n")[0]
     separator = max(",;\t", key=first.count)
     rows = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
@@ -92,7 +94,7 @@ def _of_cells(text: str) -> Iterator[dict[str, Any]]:
     for k, row in enumerate(rows):
         if k > MAX_ROWS:
             raise InputError(f"Expected at most {MAX_ROWS} rows.")
-        entry: dict[str, Any] = {}
+        entry: Entry = {}
         for label, cell in zip(header, row, strict=False):
             if cell.lstrip().startswith(("[", "(")) and _NUMBERS.fullmatch(bare := _without_inner(cell)):
                 found = _part(label, list(map(float, _ANY.findall(bare))))
@@ -107,7 +109,7 @@ def _without_inner(cell: str) -> str:
     return re.sub(r"[\[\]()\n]", " ", cell[: 20 * MAX_LINE_CHARACTERS])
 
 
-def _part(label: str, numbers: list[float]) -> tuple[str, Any] | None:
+def _part(label: str, numbers: list[float]) -> tuple[str, list[float] | list[list[float]]] | None:
     """Return name and value of a part of a pose."""
     words = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", label).lower())
     if len(numbers) == 16:

@@ -6,12 +6,11 @@ they are. What an error is called in text is the business of `key_text`; nothing
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
-from ...core.files.json_values import JsonObject
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.tree_values import is_map
 from ...errors import InputError
 from .key_text import text_of
@@ -126,7 +125,7 @@ class ErrorKey:
         return {"owner": self.owner.value, "kind": self.kind.value, **more}
 
     @classmethod
-    def from_dict(cls, data: Any) -> ErrorKey:
+    def from_dict(cls, data: Json) -> ErrorKey:
         """Read what `to_dict` wrote; raises `InputError` on anything else."""
         known = {"owner", "kind", "index", "name"}
         if not is_map(data) or not {"owner", "kind"} <= set(data) <= known:
@@ -140,6 +139,6 @@ class ErrorKey:
             raise InputError(f"Expected the owner and kind of a known error, got {data!r:.80}.") from None
 
 
-def by_text(keys: Mapping[ErrorKey, Any] | tuple[ErrorKey, ...]) -> dict[str, ErrorKey]:
+def by_text(keys: Iterable[ErrorKey]) -> dict[str, ErrorKey]:
     """Return keys by what they are called, to find the one that a user names."""
     return {str(key): key for key in keys}

@@ -23,7 +23,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -337,10 +337,17 @@ def _columns_within(
     return None
 
 
-def _is_within(q: Array, *of_arm: Any) -> bool:
+def _is_within(
+    q: Array,
+    names: Sequence[str],
+    kinds: Sequence[str],
+    limits: Array | None,
+    with_unit: NDArray[np.bool_],
+    at: Callable[[int], str],
+) -> bool:
     with warnings.catch_warnings(action="ignore"):
         try:
-            require_within_limits(q, *of_arm)
+            require_within_limits(q, names, kinds, limits, with_unit, at)
         except InputError:
             return False
     return True

@@ -108,7 +108,7 @@ def _camera_to_dict(camera: CameraCalibration) -> JsonObject:
     return camera_to_dict(camera)
 
 
-def _camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
+def _camera_from_dict(data: JsonObject, poses: Array) -> CameraCalibration:
     from ..camera.stored_calibration import camera_from_dict
 
     return camera_from_dict(data, poses)

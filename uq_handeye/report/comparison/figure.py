@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
@@ -63,7 +64,7 @@ def comparison_picture(comparison: Comparison) -> Picture | None:
     return Picture(finished(figure), alt, caption)
 
 
-def _ticks(axis: Any, low: float, high: float) -> None:
+def _ticks(axis: Axis, low: float, high: float) -> None:
     """Set at least two ticks if they fit: round numbers whose labels neither touch nor reach beyond the rim."""
     kept: list[tuple[float, str]] = []
     for bins in (3, 4, 5, 6, 8, 10):

@@ -99,7 +99,7 @@ class Page(BrowserPage):
         self._summary = gui.add_html("")
         self._remedy_folder = gui.add_folder("Remedy", visible=False)
         self._offered: tuple[str, ...] = ()
-        self._remedy_buttons: list[Any] = []
+        self._remedy_buttons: list[viser.GuiButtonHandle] = []
         for source in self._sources:
             if source.on_demand:
                 self._button(f"Take pose ({source.name})", partial(self._take, source), icon="camera")

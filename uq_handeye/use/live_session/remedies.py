@@ -6,11 +6,11 @@ They follow from the findings of the answer, whose sentences name command-line o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from ...calibration.moves import MOVED
 from ...findings import Finding
-from ...fit.input_checks.readings import FRAMES
+from ...fit.input_checks.readings import FRAMES, ReadingValues
 
 # What the camera is on, by the setup.
 _MOUNTS = {"eye-in-hand": "on the gripper", "eye-to-hand": "fixed in the cell"}
@@ -21,11 +21,15 @@ SIDES = ("robot", "camera")
 FAR = "input_checks.far"
 
 
+# Arguments of `read_poses` that a button chooses: of both files, or of robot and camera.
+How: TypeAlias = Mapping[str, str | tuple[str | None, ...]]
+
+
 class Remedy(NamedTuple):
     """Action of a button: how the files are read, by arguments of `read_poses`, and the poses that are left out."""
 
     label: str
-    how: Mapping[str, Any]
+    how: How
     left_out: tuple[int, ...] = ()
 
 
@@ -48,7 +52,7 @@ def is_remedied(finding: Finding) -> bool:
     return bool(finding.values.get("readings"))
 
 
-def _of_reading(reading: Mapping[str, Any]) -> list[Remedy]:
+def _of_reading(reading: ReadingValues) -> list[Remedy]:
     kind, found = reading["kind"], list[Remedy]()
     if kind in FRAMES:
         side, frame = FRAMES[kind]

@@ -12,10 +12,9 @@ import os
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +27,7 @@ from ...errors import InputError, InputWarning, NotConvergedError
 from ...model.poses.pose_pairs import PosePairs
 from .folder import Folder, SeenBoard, State, settled
 from .question import ONE_AT_A_TIME, Answer, Question
-from .remedies import Remedy
+from .remedies import How, Remedy
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
 OWN, CHOICE = "poses.jsonl", ".uq-handeye-session.json"
@@ -42,7 +41,7 @@ class Choice:
     left_out: tuple[int, ...] = ()
     earlier: tuple[tuple[int, ...], ...] = ()
     board: str | None = None  # of pictures that were uploaded: `Board.text`
-    how: Mapping[str, Any] = field(default_factory=dict)  # arguments of `read_poses` that were chosen on the page
+    how: How = field(default_factory=dict)  # arguments of `read_poses` that were chosen on the page
 
     def changed(self, left_out: tuple[int, ...]) -> Choice:
         """Return the choice after one more step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -180,7 +180,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str 
     )
 
 
-def _require_usable(name: str, result: Any) -> None:
+def _require_usable(name: str, result: Calibration) -> None:
     require_type(name, result, Calibration, "a Calibration")
     if result.setup is None:
         raise InputError(f"The {name} result is of motions that came without poses: its frames are not known.")
