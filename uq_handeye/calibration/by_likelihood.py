@@ -91,9 +91,8 @@ from .result import Calibration
 MAX_SECOND_ORDER_SD = 0.05
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
-# A random walk of the camera poses is taken where its evidence is larger by this; its sizes are found by so many poses.
+# A random walk of the camera poses is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_OF_WALK = 5.0
-POSES_OF_WALK = 100
 # An arm counts as a calibrated one where the logarithm of the evidence is larger by this, odds of 20 to 1.
 MIN_ACCURATE_GAIN = 3.0
 # Errors whose columns at other poses follow from the poses that they were bound to.
@@ -190,7 +189,7 @@ def _walking(
     if not asked or poses is None or poses.truth is not None or found.exact.any() or not walks(fit, poses):
         return None
     scale = any(error.key == CAMERA_SCALE for error in job.shared)
-    walked = replace(source, errors=(*job.shared, *assumed_walk(poses, scale)), most_used=POSES_OF_WALK)
+    walked = replace(source, errors=(*job.shared, *assumed_walk(poses, scale)), most_used=100)  # poses
     try:
         again, sizes = weigh(walked, fit.unknowns, job.method, request.seed, _slack(job)[0])
         assert sizes is not None and again.noise is not None

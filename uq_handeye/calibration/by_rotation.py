@@ -30,16 +30,14 @@ from .by_published import bare_result
 from .job import Job, job_of
 from .result import Calibration
 
-# Translations below this (m) are none: no machine measures them.
-NO_LENGTH_M = 1e-12
 # A pose whose squared residual is beyond this does not fit the others: one good pose in 10,000.
 LIMIT = RARE.chi_square(3)
-STEPS = 20
 
 
 def without_positions(poses: PosePairs) -> bool:
     """Return whether the camera poses, or those of robot and camera, have rotations only."""
-    return poses.robot.ndim == 3 and float(np.abs(poses.camera[:, :3, 3]).max(initial=0.0)) < NO_LENGTH_M
+    # lengths below 1e-12 m are none: no machine measures them
+    return poses.robot.ndim == 3 and float(np.abs(poses.camera[:, :3, 3]).max(initial=0.0)) < 1e-12
 
 
 def by_rotation(request: Request, poses: PosePairs) -> tuple[Job, Calibration, list[Finding]]:
@@ -57,7 +55,7 @@ def by_rotation(request: Request, poses: PosePairs) -> tuple[Job, Calibration, l
     R_W = _mean(G[kept] @ R_X @ C[kept])
     J = np.concatenate([G, np.broadcast_to(-np.eye(3), G.shape)], axis=2)  # (n, 3, 6)
     r = np.zeros((poses.n, 3))
-    for _ in range(STEPS):
+    for _ in range(20):  # steps at most
         r = Rotation.from_matrix(G @ R_X @ C @ R_W.T).as_rotvec()
         squares = (r * r).sum(axis=1)
         variance = float(np.median(squares[kept])) / MEDIAN_SQUARE

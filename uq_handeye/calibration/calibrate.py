@@ -67,11 +67,6 @@ from .split_fit import SplitFit, split_fit, split_of_poses
 if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
-# Times that the errors of an arm and the corners are linearised again, at their estimate.
-MAX_LINEARISATIONS_OF_ARM = 2
-# Times that camera poses of unknown scale are scaled, and the relative error of the scale that is rounding.
-MAX_SCALINGS, SCALE_ROUNDING = 5, 1e-6
-
 
 @overload
 def calibrate(data: Rig, **options: Any) -> Calibration | RigCalibration: ...
@@ -263,11 +258,11 @@ def _with_open_scale(
             "rotate about two axes and move, in 6 poses or more; and check camera_frame (--camera-frame) and setup."
         )
     opened = request.with_scale(data.intrinsics_covered)
-    for _ in range(MAX_SCALINGS):
+    for _ in range(5):  # times at most that the camera poses are scaled
         result, findings = _found(opened, data.scaled(factor), selection, said)
         (error,) = [one for one in result.shared_at_sizes if one.key == CAMERA_SCALE]
         # the poses used are (1 + e) times as large as true ones
-        if abs(error.estimate) < max(0.1 * error.sd, SCALE_ROUNDING):
+        if abs(error.estimate) < max(0.1 * error.sd, 1e-6):  # or rounding
             break
         factor /= 1.0 + error.estimate
     scale = CameraScale(factor, factor * error.sd)
@@ -381,7 +376,7 @@ def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, 
     """Return X, with errors of an arm and corners linearised at their estimate: the request it is of, X, findings."""
     try:
         result, more = _run(job)
-        for _ in range(MAX_LINEARISATIONS_OF_ARM):
+        for _ in range(2):  # times at most that they are linearised again
             about = poses_about_errors(job, result)
             seen = corners_at_estimate(result) if job.request.camera_of_data else None
             again = job.poses if about is None else about

@@ -35,9 +35,6 @@ from ..model.shared_errors.in_noise import shared_columns, with_shared
 from ..model.shared_errors.shared_error import SharedError, checked_errors
 from .arm import Arm, _arm_of, with_declared
 
-# A robot whose positions differ by less than this pivots about one point (m).
-SAME_PLACE_M = 1e-9
-
 # A pose (4, 4) and its covariance (6, 6), as a prior is given.
 PoseAndCovariance: TypeAlias = tuple[ArrayLike, ArrayLike]
 
@@ -219,7 +216,7 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
 
 def _stands(poses: PosePairs | None) -> bool:
     """Return whether the origin of the gripper stays in one place, as of a gimbal: errors over a workspace are none."""
-    return poses is not None and float(np.ptp(poses.robot[..., :3, 3], axis=-2).max(initial=0.0)) < SAME_PLACE_M
+    return poses is not None and float(np.ptp(poses.robot[..., :3, 3], axis=-2).max(initial=0.0)) < 1e-9
 
 
 def _require_open_sizes(job: Job) -> None:

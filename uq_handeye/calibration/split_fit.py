@@ -21,9 +21,6 @@ from ..rig.poses import RigPoses
 from ..rig.single import rig_of_poses
 from ..rig.split import split_rig
 
-# Moves of one session that are looked for, one after the other.
-MAX_MOVES = 3
-
 
 class SplitFit(NamedTuple):
     """Cameras and targets of the fit in which what moved is two, and the finding with the sizes of the move by it."""
@@ -44,7 +41,7 @@ def split_fit(
 
     by_name = dict(noise) if isinstance(noise, dict) else noise
     first, names = moved, ("", "")
-    for _ in range(MAX_MOVES):
+    for _ in range(3):  # moves of one session at most, one after the other
         name, since = moved.values["name"], moved.values["since"]
         if moved.values["kind"] not in ("camera", "target"):
             return None

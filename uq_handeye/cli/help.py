@@ -20,9 +20,6 @@ from typer.core import TyperCommand, TyperGroup
 from .messages import coloured, note_options, terminal_width
 from .options import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, Maker, position, with_parameters
 
-# Largest width of a page and of a name, in columns.
-WIDE, NAME = 100, 28
-
 EXAMPLES = "Examples:"
 AnyCommand = TyperCommand | TyperGroup
 
@@ -105,7 +102,7 @@ class _Page:
     """Lines of a help page."""
 
     def __init__(self) -> None:
-        self.width = min(terminal_width(), WIDE)
+        self.width = min(terminal_width(), 100)
         self.colours = coloured(sys.stdout)
         self.lines: list[str] = []
 
@@ -133,7 +130,7 @@ class _Page:
 
 
 def _column(names: Iterable[str]) -> int:
-    return min(max(map(len, names)), NAME) + 4
+    return min(max(map(len, names)), 28) + 4  # columns of the longest name, and a gap
 
 
 def _write_command(page: _Page, command: TyperCommand, context: typer.Context, every: bool) -> None:

@@ -28,8 +28,6 @@ LOG = logging.getLogger("uq_handeye")
 
 _WORDS = {logging.INFO: "note: ", logging.WARNING: "warning: ", logging.ERROR: "error: "}
 _COLOURS = {logging.WARNING: "yellow", logging.ERROR: "red"}
-# Fewest columns that text is wrapped to.
-MIN_COLUMNS = 40
 # Colour of a status on stdout.
 _STATUS_COLOURS = {"ok": "green", "caution": "yellow", "failed": "red", "not run": "bright_black"}
 
@@ -124,7 +122,7 @@ def terminal_width() -> int:
     else:
         given = os.environ.get("COLUMNS", "")
         columns = int(given) if given.isdecimal() else COLUMNS
-    return min(max(columns, MIN_COLUMNS), WIDTH)
+    return min(max(columns, 40), WIDTH)
 
 
 def styled(text: str, role: str) -> str:

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..rig.result import RigCalibration
 
-# The start of a result file, which has its format.
-_START = 200
 # Options that every command takes with a stored result.
 EVERYWHERE = frozenset(
     {
@@ -106,8 +104,8 @@ def _format(path: Path | None) -> str:
     path = None if path is None else result_file(path)
     if path is None or path.suffix.lower() != ".json" or not path.is_file():
         return ""
-    with path.open("rb") as file:
-        start = file.read(_START).decode("utf-8", "replace")
+    with path.open("rb") as file:  # the format is at the start
+        start = file.read(200).decode("utf-8", "replace")
     name, _, rest = start.lstrip("{ \n\r\t").partition(":")
     if name.strip() != '"format"':
         return ""

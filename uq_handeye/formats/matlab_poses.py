@@ -29,8 +29,6 @@ START = b"MATLAB 5.0 MAT-file"
 HELP = "docs/formats.md, MATLAB"
 # Header of a file: text, place of further data, version, order of bytes.
 _HEADER = struct.Struct("116s8s2s2s")
-# Type of a compressed element.
-_COMPRESSED = 15
 
 
 def read_mat(data: bytes, name: str) -> Contents:
@@ -111,7 +109,7 @@ def _check_size(data: bytes, name: str) -> None:
         kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
         if at + 8 + size > len(data):
             raise InputError(f"{name}: the file is cut off: it declares more than it holds.")
-        if kind == _COMPRESSED:
+        if kind == 15:  # a compressed element
             unpacker = zlib.decompressobj()
             piece = data[at + 8 : at + 8 + size]
             while piece and total <= MAX_TABLE_BYTES:

@@ -36,8 +36,6 @@ from .fit import onto_closed
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
-# Parts of a direction, in units of the rig, below this count as none.
-NEGLIGIBLE_PART = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,4 +289,4 @@ def open_of(by: Array, U: Array, lever: float) -> Array:
     units = np.repeat([lever, 1.0], 3)
     moved = (U @ by.T) * units
     _, s, V = svd(moved, full_matrices=False)
-    return np.asarray(V[s > NEGLIGIBLE_PART] / units)
+    return np.asarray(V[s > 1e-6] / units)  # smaller parts, in units of the rig, are none

@@ -40,8 +40,6 @@ from .graph import Graph
 
 # The linear problem determines the rotations where its second eigenvalue, relative to the mean, is above this.
 MIN_ROTATION_GAP = 1e-4
-# Starts from few moments that are tried: with three of ten moments wrong, one of them is of right ones with 0.999.
-MAX_CONSENSUS_STARTS = 25
 # Views of each camera and target in a start from few moments.
 MIN_VIEWS_OF_EACH = 4
 
@@ -77,7 +75,7 @@ def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> t
 
     rng, scale = np.random.default_rng(seed), np.maximum(np.median(sizes(at), axis=0), 1e-12)
     best, least = at, 0.5
-    for _ in range(MAX_CONSENSUS_STARTS):
+    for _ in range(25):  # with three of ten moments wrong, one start is of right ones with probability 0.999
         some = _few_groups(graph, rng)
         if len(some) > graph.E // 2:  # many cameras and targets: as many wrong rows as in all
             break

@@ -25,21 +25,13 @@ from ..errors import NotConvergedError
 from .lens import MODEL, Lens
 from .tracks import Tracks
 
-# Rounds with a new pixel noise, and steps within one.
-MAX_NOISE_ROUNDS, MAX_STEPS_OF_ROUND = 15, 3
 # Squared length, in standard deviations, of a step of all poses and the lens that is the last one; relative change of
-# the pixel noise that is none, and that of rounds near the end.
-MIN_STEP, NOISE_ROUNDING, NOISE_NEAR = 2e-2, 5e-3, 0.1
-# Weights that decrease with the residual make steps by them alone too short, by about this factor.
-STEP_LENGTH = 1.5
-# Damping of the steps, relative to the diagonal: start, least and most.
-START_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e-9, 1e6
-# Least pixel noise.
-LEAST_NOISE = 1e-6
-# Points of which the normal equations are formed at once; share of its trace that is added to the matrix of a point.
-POINTS_AT_ONCE, RELATIVE_RIDGE = 2000, 1e-12
-# Depth in front of a camera below which a point counts as behind it, in medians of the depths.
-LEAST_DEPTH = 1e-3
+# the pixel noise that is none.
+MIN_STEP, NOISE_ROUNDING = 2e-2, 5e-3
+# Damping of the steps, relative to the diagonal, at the start.
+START_DAMPING = 1e-4
+# Points of which the normal equations are formed at once.
+POINTS_AT_ONCE = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +57,8 @@ class Scene(ReadOnlyArrays):
     def _seen(self) -> Array:
         seen = self.in_camera()
         depth = np.abs(seen[:, 2])
-        seen[:, 2] = np.maximum(seen[:, 2], LEAST_DEPTH * np.median(depth) if len(depth) else 1.0)
+        # points behind a camera count as just in front of it
+        seen[:, 2] = np.maximum(seen[:, 2], 1e-3 * np.median(depth) if len(depth) else 1.0)
         return seen
 
     def scaled(self, factor: float) -> Scene:
@@ -140,7 +133,7 @@ def pixel_noise(scene: Scene, residuals: Array) -> float:
     free = 2 * len(t) - 3 * t.m - 6 * t.n - scene.lens.f + 7
     size = np.linalg.norm(residuals, axis=-1)
     share = np.sqrt(2 * len(t) / max(free, 1))
-    return max(float(np.median(size) / np.sqrt(2.0 * np.log(2.0)) * share), LEAST_NOISE)
+    return max(float(np.median(size) / np.sqrt(2.0 * np.log(2.0)) * share), 1e-6)  # px, of exact features
 
 
 def weights_of(residuals: Array, s: float) -> Array:
@@ -180,7 +173,7 @@ def reduce(scene: Scene, s: float, weights: Array | None = None, damping: float 
     if damping:
         for M in (U, V, lens[None]):
             M += damping * M * np.eye(M.shape[-1])
-    ridge = RELATIVE_RIDGE * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    ridge = 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     half = np.linalg.inv(np.linalg.cholesky(V + ridge))
     Y, y = half[t.point] @ W, half @ of_points  # (N, 3, 6), (m, 3, f + 1)
     S, g = np.zeros((6 * n + f, 6 * n + f)), np.zeros(6 * n + f)
@@ -213,13 +206,14 @@ def adjust(scene: Scene, pull: Pull | None = None) -> tuple[Scene, float]:
         No step decreases the cost from the start, or the numbers are not finite.
     """
     s, damping, length = pixel_noise(scene, scene.residuals()), START_DAMPING, 1.0
-    for _ in range(MAX_NOISE_ROUNDS):
+    for _ in range(15):  # rounds at most, each with a new pixel noise
         scene, damping, settled = _round(scene, s, pull, damping, length)
         before, s = s, pixel_noise(scene, scene.residuals())
         change = abs(np.log(s / before))
         if settled and change < NOISE_ROUNDING:
             break
-        length = STEP_LENGTH if change < NOISE_NEAR else 1.0
+        # near the end: weights that decrease with the residual make steps by them alone too short, by about this factor
+        length = 1.5 if change < 0.1 else 1.0
     return scene, s
 
 
@@ -228,7 +222,7 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: fl
     cost = _cost(scene, s, pull)
     if not np.isfinite(cost):
         raise NotConvergedError("The adjustment of the scene started from numbers that are not finite.", scene)
-    for _ in range(MAX_STEPS_OF_ROUND):
+    for _ in range(3):  # steps at most
         while True:
             at = reduce(scene, s, damping=damping)
             H, g = np.array(at.S), np.array(at.g)
@@ -241,13 +235,13 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: fl
             step = -length * np.linalg.lstsq(H, unit * g, rcond=1e-14)[0]
             tried = _stepped(scene, at, unit * step)
             new = _cost(tried, s, pull)
-            if new < cost or damping >= MOST_DAMPING:
+            if new < cost or damping >= 1e6:  # the most
                 break
             damping, length = max(10.0 * damping, START_DAMPING), 1.0
         if not new < cost:
             return scene, START_DAMPING, True
         scene, cost = tried, new
-        damping = max(0.1 * damping, LEAST_DAMPING)
+        damping = max(0.1 * damping, 1e-9)
         if step @ H @ step < MIN_STEP:
             return scene, damping, True
     return scene, damping, False

@@ -26,10 +26,10 @@ from .adjust import Scene
 from .lens import Lens
 from .tracks import Tracks
 
-# SIFT: features of a picture at most, also with weak ones; a number that is few; least contrast of weak ones.
-MAX_FEATURES, WEAK_FEATURES, FEW_FEATURES, WEAK_PEAK = 4096, 8192, 500, 0.0015
-# Pictures up to this number are matched each with each; more only with their neighbours, so many to both sides.
-MAX_EXHAUSTIVE, NEIGHBOURS = 80, 15
+# Fewer features of a picture are few: weak ones are taken as well.
+FEW_FEATURES = 500
+# Pictures up to this number are matched each with each; more only with their neighbours.
+MAX_EXHAUSTIVE = 80
 # Matches that move by less, in pixels, belong to what stands still in the picture.
 STATIONARY_PX = 4.0
 # Models of fewer pictures are left.
@@ -142,7 +142,7 @@ def match(
     how = module.match_exhaustive
     if len(names) > MAX_EXHAUSTIVE:
         how, options = module.match_sequential, module.SequentialPairingOptions()
-        options.overlap, options.quadratic_overlap = NEIGHBOURS, False
+        options.overlap, options.quadratic_overlap = 15, False  # neighbours to both sides
         pairing = {"pairing_options": options}
     how(
         found.database,
@@ -171,10 +171,10 @@ def _features(
         old.unlink()
     options = module.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
-    options.sift.max_num_features = most = WEAK_FEATURES if weak else MAX_FEATURES
+    options.sift.max_num_features = most = 8192 if weak else 4096  # of a picture
     options.sift.first_octave = -1 if weak else 0
     if weak:
-        options.sift.peak_threshold = WEAK_PEAK
+        options.sift.peak_threshold = 0.0015  # the least contrast
     reading = module.ImageReaderOptions()
     if mask is not None:
         reading.camera_mask_path = mask

@@ -23,10 +23,6 @@ MIN_POINTS, MIN_PICTURES_OF_SCENE = 8, 6
 MANY_STATIONARY = 0.5
 # Lenses beyond these are none: |fx / fy - 1|, and |p1| or |p2|.
 MAX_ASPECT, MAX_TANGENTIAL = 0.005, 0.006
-# Smallest standard deviations of a robot pose, rad and m: an exact robot is as exact as that.
-ROBOT_FLOOR = 1e-6
-# Weight of a robot pose that was rejected.
-REJECTED_WEIGHT = 1e-8
 # Observations beyond this many times the pixel noise are left out of the adjustment.
 FAR_RESIDUAL = 12.0
 
@@ -92,7 +88,8 @@ def pull_of_robot(robot: Array, X: Array, covariance: Array, weights: Array, eye
     D[:, 3:, :3] = -skew((R_G @ X[:3, 3:])[..., 0])
     by_X[:, :3, :3] = by_X[:, 3:, 3:] = R_G
     to_pose = E @ D @ (inverse_jacobian(robot) if eye_to_hand else np.eye(6))
-    S = (covariance + ROBOT_FLOOR**2 * np.eye(6)) / np.maximum(weights, REJECTED_WEIGHT)[:, None, None]
+    # an exact robot is as exact as 1e-6 rad and m; a pose that was rejected has a small weight
+    S = (covariance + 1e-6**2 * np.eye(6)) / np.maximum(weights, 1e-8)[:, None, None]
     each = np.linalg.inv(to_pose @ S @ to_pose.mT)
     M = E @ by_X
     gain = (each @ M).reshape(6 * n, 6)

@@ -19,8 +19,6 @@ NAMES = MODEL.names[:8]  # fx, fy, cx, cy, k1, k2, p1, p2; higher coefficients a
 # Weak prior standard deviations: the principal point about the middle, in widths of the picture; coefficients about 0;
 # logarithm of fx / fy.
 CENTRE_WIDTHS, TANGENTIAL_SD, ASPECT_SD = 0.03, 0.002, 0.003
-# Start of the focal length, in widths.
-START_WIDTHS = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ class Lens(ReadOnlyArrays):
     ) -> Lens:
         """Lens of pictures of a size (width, height), with ``known`` values, each exact or with its uncertainty."""
         width, height = image_size
-        f = START_WIDTHS * width if focal is None else focal
+        f = 1.2 * width if focal is None else focal
         values = np.zeros(len(MODEL.names))
         values[:4] = f, f, 0.5 * (width - 1), 0.5 * (height - 1)
         sd, free = np.full(len(values), np.inf), np.zeros(len(values), dtype=bool)

@@ -22,10 +22,8 @@ from ..core.geometry.se3 import Array, left_jacobian, perturb
 from ..model.noise.joint_covariance import JointCovariance
 from .adjust import Reduced
 
-# Standard deviation of the null directions in units of a pose's own noise, at first; how often it is doubled.
-START_GAUGE, MAX_DOUBLINGS = 2.0, 40
-# Variances below this are rounding; those up to LARGE_SHARED are not worth a column.
-NEGATIVE_SHARED, LEAST_SHARED, LARGE_SHARED = -1e-3, 1e-9, 1.0
+# Shared variances up to this, in those of a pose's own noise, are not worth a column.
+LARGE_SHARED = 1.0
 
 
 def similarity(poses: Array) -> Array:
@@ -68,13 +66,13 @@ def as_poses(at: Reduced, poses: Array) -> tuple[Array, JointCovariance]:
     blocks = own / (h.reshape(n, 6, 1) * h.reshape(n, 1, 6))
     M = 0.5 * (inverse + inverse.T)
     M.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :] -= blocks
-    a = START_GAUGE
-    for _ in range(MAX_DOUBLINGS):
+    a = 2.0  # standard deviation of the null directions in units of a pose's own noise
+    for _ in range(40):
         e, E = np.linalg.eigh(M + a * a * QQ)
-        if e[0] > NEGATIVE_SHARED:
+        if e[0] > -1e-3:  # positive but for rounding
             break
         a *= 2.0
-    large, small = e >= LARGE_SHARED, (e > LEAST_SHARED) & (e < LARGE_SHARED)
+    large, small = e >= LARGE_SHARED, (e > 1e-9) & (e < LARGE_SHARED)
     F = (E[:, large] * np.sqrt(e[large])).reshape(n, 6, -1)
     faint = (E[:, small] * np.sqrt(e[small])).reshape(n, 6, -1)
     turn = np.tile(np.eye(6), (n, 1, 1))  # errors of the moved poses from those where they are linearised

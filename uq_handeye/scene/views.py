@@ -12,8 +12,8 @@ import numpy as np
 from ..model.poses.scene_facts import SceneView
 from .tracks import Tracks
 
-# Pictures that are shown, their width and quality, and points that are marked in each at most.
-SHOWN, WIDTH_PX, QUALITY, MAX_MARKED = 3, 320, 60, 200
+# Width of the copies, and points that are marked in each at most.
+WIDTH_PX, MAX_MARKED = 320, 200
 
 
 def scene_views(tracks: Tracks, paths: Sequence[Path]) -> tuple[SceneView, ...]:
@@ -21,13 +21,13 @@ def scene_views(tracks: Tracks, paths: Sequence[Path]) -> tuple[SceneView, ...]:
     from PIL import Image
 
     found = []
-    for k in np.unique(np.linspace(0, len(paths) - 1, SHOWN).round().astype(int)):
+    for k in np.unique(np.linspace(0, len(paths) - 1, 3).round().astype(int)):
         with Image.open(paths[k]) as picture:
             scale = WIDTH_PX / picture.width
             size = WIDTH_PX, max(1, round(scale * picture.height))
             small = picture.convert("RGB").resize(size)
         buffer = io.BytesIO()
-        small.save(buffer, "JPEG", quality=QUALITY)
+        small.save(buffer, "JPEG", quality=60)
         at = tracks.pixels[tracks.of_each_picture[k]]
         at = at[:: max(1, len(at) // MAX_MARKED)]
         jpeg = base64.b64encode(buffer.getvalue()).decode()

@@ -46,8 +46,6 @@ CONVENTION = f"xi = {TOOLKIT} of X"
 COMPONENTS = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 # Which pose a covariance is of: the pose itself, or its inverse.
 OF_POSE = ("pose", "inverse")
-# Below this cosine of the pitch, yaw and roll have no covariance of their own.
-MIN_COSINE_OF_PITCH = 1e-6
 
 _EYE = np.eye(3)
 _SWAP = np.roll(np.eye(6), 3, axis=1)
@@ -109,7 +107,7 @@ def _yaw_pitch_roll(R: Array) -> Array:
     zero = np.zeros_like(yaw)
     z = np.broadcast_to([0.0, 0.0, 1.0], R.shape[:-1])
     axes = np.stack([z, np.stack([-np.sin(yaw), np.cos(yaw), zero], axis=-1), R[..., 0]], axis=-1)
-    if (np.abs(np.linalg.det(axes)) < MIN_COSINE_OF_PITCH).any():
+    if (np.abs(np.linalg.det(axes)) < 1e-6).any():  # the cosine of the pitch
         raise InputError("Expected a pitch that is not 90 deg: there yaw and roll turn about one axis.")
     return np.asarray(np.linalg.inv(axes))
 

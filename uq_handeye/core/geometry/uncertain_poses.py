@@ -20,9 +20,6 @@ from ..numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from .checks import as_covariance, as_pose, as_transforms, checked_covariance
 from .se3 import Array, block, difference, inverse, inverse_jacobian, left_jacobian, perturb, skew
 
-# Largest number of steps to the pose of least squares.
-MAX_FUSION_STEPS = 20
-
 
 def covariance_of_inverse(T: ArrayLike, covariance: ArrayLike) -> Array:
     """Return the covariance of ``inv(T)`` (..., 6, 6) from that of T.
@@ -100,7 +97,7 @@ def fused_pose(
             raise InputError(f"Expected `{name}` to be positive definite, got a singular one.")
         weights.append(np.linalg.inv(S / np.outer(d, d)) / np.outer(d, d))
     found = means[0]
-    for _ in range(MAX_FUSION_STEPS):
+    for _ in range(20):  # steps at most to the pose of least squares
         information, gradient, square = np.zeros((6, 6)), np.zeros(6), 0.0
         for mean, L in zip(means, weights, strict=True):
             xi = difference(found, mean)

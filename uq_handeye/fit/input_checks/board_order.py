@@ -30,8 +30,6 @@ from .covariance_convention import MAX_POSES
 
 # Fewest poses whose readings are looked for: fewer fit by chance.
 MIN_POSES_FOR_ORDER = 8
-# Starts of the search, and rounds in each of which one pose is read again.
-STARTS, MAX_SEARCH_ROUNDS = 12, 200
 # Mean difference of the angles that poses may leave as they are read, and share of them that may be undecided.
 MAX_MEAN_DIFFERENCE_RAD, MAX_UNDECIDED_SHARE = np.radians(2.0), 0.2
 
@@ -100,9 +98,9 @@ def _costs(E: Array, C: Array, E_others: Array, C_others: Array, group: Array) -
 def _labels(cost: Array, ratio: NDArray[np.intp]) -> NDArray[np.intp]:
     """Label all poses as they fit one of them, for several such starts; then one after the other as they fit all."""
     every, best = np.arange(len(cost)), (np.inf, np.zeros(len(cost), dtype=np.intp))
-    for first in np.unique(np.linspace(0, len(cost) - 1, min(len(cost), STARTS)).astype(int)):
+    for first in np.unique(np.linspace(0, len(cost) - 1, min(len(cost), 12)).astype(int)):
         labels = cost[:, first].argmin(axis=1).astype(np.intp)
-        for _ in range(MAX_SEARCH_ROUNDS):
+        for _ in range(200):  # rounds at most, each reads one pose again
             each = _costs_of(cost, ratio, labels)
             gain = each[every, labels] - each.min(axis=1)
             worst = int(np.argmax(gain))

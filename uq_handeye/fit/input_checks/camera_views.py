@@ -34,8 +34,6 @@ SEEN_SHARE, UNSEEN_SHARE = 0.9, 0.6
 STEADIER_RATIO = 0.5
 # Where it leaves its distance, the share has to be smaller.
 MUCH_STEADIER_RATIO = 0.35
-# A robot whose positions differ by less than this (m) pivots: its poses do not say which file is inverse.
-SMALL_TRAVEL_M = 1e-6
 
 
 def check_views(poses: PosePairs, X: Array) -> list[Finding]:
@@ -52,7 +50,8 @@ def check_views(poses: PosePairs, X: Array) -> list[Finding]:
         values = {"seen": round(seen * poses.n), "n": poses.n, "views": better}
         # without a likelier reading it may well be a tracker
         return [Finding("input_checks.target_unseen", "caution" if better else "note", values)]
-    if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < SMALL_TRAVEL_M:
+    # poses of a robot that pivots do not say which file is inverse
+    if float(np.linalg.norm(np.ptp(poses.robot[:, :3, 3], axis=0))) < 1e-6:
         return []
     off = _off_axis(C)
     spread, off_axis = direction_spread(C), share_ahead(C, USUAL_FIELD_RAD) < UNSEEN_SHARE

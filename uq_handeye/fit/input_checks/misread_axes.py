@@ -32,13 +32,11 @@ MIN_POSES_FOR_AXES = 10
 # The matrix is needed where it divides the root mean square of the translations by this or more, and by more than
 # chance would with this probability (F test).
 NEEDED_RATIO, MAX_CHANCE = 1.3, 1e-5
-# Unknowns of the translations of X and W with the matrix, and those of them that a factor leaves out.
-UNKNOWNS, BEYOND_A_FACTOR = 15, 8
+# Unknowns of the matrix that a factor leaves out.
+BEYOND_A_FACTOR = 8
 # The scale of one axis explains as much as the matrix where the root mean square is larger by less than this, or by no
 # more than chance makes it (CONTRADICTED).
 AS_GOOD_RATIO = 1.1
-# What is left of translations without noise, as a share of what there was.
-ROUNDING = 1e-6
 # Rotations across the main axis have at least this share of the squares.
 MIN_ACROSS_SHARE = 0.02
 # Axes scaled by less than this, or moved into each other by more than this, are no mistake of the file. The accuracy of
@@ -57,7 +55,7 @@ def misread_axes(poses: PosePairs) -> Reading | None:
     now = agreement(poses.effective_robot, poses.camera)
     if now is None or now.counts is None or now.counts.sum() < MIN_POSES_FOR_AXES:
         return None
-    dof = 3 * int(now.counts.sum()) - UNKNOWNS
+    dof = 3 * int(now.counts.sum()) - 15  # minus the unknowns: translations of X and W, and the matrix
     for side in ("camera", "robot"):
         system = _system(poses, side, now)
         before, _, _ = _solved(*system, FACTOR, now.counts)
@@ -129,7 +127,7 @@ def _needed(before: float, after: float, dof: int, more: int = BEYOND_A_FACTOR) 
 
 def _as_well(before: float, alone: float, after: float, dof: int) -> bool:
     """Return whether the scale of one axis explains the translations as well as the whole matrix does."""
-    if alone < AS_GOOD_RATIO * after or alone < ROUNDING * before:
+    if alone < AS_GOOD_RATIO * after or alone < 1e-6 * before:  # or rounding
         return True
     return alone < NEEDED_RATIO * after and _chance(alone, after, dof, BEYOND_A_FACTOR - 1) > CONTRADICTED.probability
 

@@ -18,8 +18,8 @@ from ...core.geometry.se3 import Array, inverse, logarithm
 # Angles (rad) of motions that are used; largest relative standard deviation of the scale that is an answer.
 MIN_ANGLE, MAX_ANGLE = np.radians(5.0), np.radians(175.0)
 MAX_SPREAD = 0.05
-# Iterations of the weights; poses of which all motions are made at most.
-ITERATIONS, MAX_POSES_OF_MOTIONS = 30, 200
+# Poses of which all motions are made at most.
+MAX_POSES_OF_MOTIONS = 200
 
 
 def scale_by_screws(G: Array, C: Array) -> tuple[float, float] | None:
@@ -45,7 +45,7 @@ def scale_by_screws(G: Array, C: Array) -> tuple[float, float] | None:
     order = np.argsort(a / np.where(b == 0, np.inf, b))
     share = np.cumsum(np.abs(b)[order])
     s = float((a / np.where(b == 0, np.inf, b))[order][np.searchsorted(share, 0.5 * share[-1])])
-    for _ in range(ITERATIONS):
+    for _ in range(30):  # iterations of the weights
         off = a - s * b
         spread = max(float(np.median(np.abs(off))), 1e-12 * float(np.abs(a).max()))
         w = 1.0 / (1.0 + (off / (2.0 * spread)) ** 2)

@@ -46,8 +46,6 @@ from .open_directions import beside_prior, lever_of, own_covariances, step_from
 MAX_START_STEPS = 30
 # A start has converged when a step moves X and W by less than this, in standard deviations.
 ROUGH_STEP_SD = 0.1
-# A step that rotates X by more than this (rad) is shortened.
-MAX_TURN_RAD = 0.5
 # Where no noise is known, a search begins with this noise of rotations; of translations with the same per metre from
 # camera to target.
 FIRST_NOISE_RAD = 3e-3
@@ -188,7 +186,7 @@ def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
     for _ in range(MAX_START_STEPS):
         found = step_from(constraint, noise, at)
         turn = float(np.linalg.norm(found.step[:3]))
-        at = at.moved(found.step * min(1.0, MAX_TURN_RAD / max(turn, 1e-300)))
+        at = at.moved(found.step * min(1.0, 0.5 / max(turn, 1e-300)))  # X rotates by 0.5 rad at most
         if found.step @ found.information @ found.step < ROUGH_STEP_SD**2:
             break
     return at

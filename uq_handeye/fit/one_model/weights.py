@@ -43,8 +43,6 @@ from .mode import Mode
 MANY_REJECTED_SHARE, OUTLIER_LOG_RANGE = 0.05, 7.0
 # Estimates of the noise after which a weighing that rejects ever more poses may be given up.
 MIN_ESTIMATES = 4
-# Rows are judged by the final noise at most this many times.
-MAX_JUDGEMENTS = 3
 # Beside the errors of an arm a pose is wrong from this many times the usual d^2 on. Poses left out for their tails make
 # the noise of the others too small for new ones.
 TAIL_SLACK = 3.0
@@ -129,7 +127,7 @@ def settle(
     out. Where other rows count then, the sizes are found again; but not from few rows against most of the others.
     """
     modes: Sequence[Mode] | None = None
-    for _ in range(MAX_JUDGEMENTS):
+    for _ in range(3):  # times at most that rows are judged
         kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
         found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta, known=modes)
         modes = found.others

@@ -29,8 +29,6 @@ _PER_LINE = tuple(count + before for count in COUNTS for before in range(MAX_NUM
 _YAML = re.compile(r"^\s*(- |---\s*$|%YAML)|^\s*\{\s*([\"'A-Za-z]|$)")
 # An entry of YAML that holds a list, or an item of a list.
 _ENTRY = re.compile(r"^\s*(- )*[\"']?\w+[\"']?\s*:\s*([\[{][^\]}\n]*,|\n\s*- )", re.MULTILINE)
-# Of 12 or 16 numbers, those of a robtarget or a jointtarget that say "no external axis".
-NO_EXTERNAL_AXIS = 1e8
 
 
 def is_matrix_text(head: str) -> bool:
@@ -56,7 +54,8 @@ def is_matrix_text(head: str) -> bool:
         if count == 12 and len(lines) >= MIN_POSES and not (fitting(table) or _almost_matrices(table)):
             return not np.ptp(table, axis=0).any()  # else the poses of robot and camera, of six numbers each
         if count in COUNTS:
-            return bool(np.abs(table).max() < NO_EXTERNAL_AXIS) or not np.isfinite(table).all()
+            # 9E9 in a robtarget or a jointtarget of ABB says "no external axis"
+            return bool(np.abs(table).max() < 1e8) or not np.isfinite(table).all()
         if count in _PER_LINE:
             return fitting(table)
         if count == 4 and len(lines) >= 3:

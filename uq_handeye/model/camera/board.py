@@ -54,7 +54,6 @@ COUNTED = {
 MIN_SHARE_OF_COMMONEST_TAG = 0.1
 # Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
 _LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
-MAX_KEPT_LOOKS = 2000
 # Pictures without a board after which another size of it is looked for.
 PROBED_PICTURES = 2
 
@@ -203,7 +202,7 @@ def _look(path: Path, board: Board, small_first: bool = False) -> _Look:
         seen = (tag_finder(board, tags, unclear) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
         look = _Look((picture.shape[1], picture.shape[0]), seen, tags, unclear)
     _LOOKS[key] = look
-    while len(_LOOKS) > MAX_KEPT_LOOKS:
+    while len(_LOOKS) > 2000:  # looks that are kept
         _LOOKS.popitem(last=False)
     return look
 

@@ -21,8 +21,6 @@ from .description import Board
 
 # Discs cover at most this share of the picture.
 MAX_DISC_SHARE = 0.05
-# Rounds in which the window follows the centroid.
-ROUNDS = 3
 # Pixels beyond the edge of a disc that are no paper: the edge is blurred; and how far the paper about it counts, from
 # its edge (0) to half way to the next disc (1).
 EDGE_PX, PAPER_TO = 2.5, 0.7
@@ -80,7 +78,7 @@ def _centroids(picture: Array, pixels: Array, points: Array, radius: float, pitc
         edge = min(EDGE_PX / (room * np.sqrt(abs(np.linalg.det(to_pixels)))), 0.5 * PAPER_TO)
         reach = 0.5 * pitch * np.linalg.norm(to_pixels, axis=1) + 2.0  # half the size of a window that holds it
         at = pixels[k]
-        for _ in range(ROUNDS):
+        for _ in range(3):  # rounds in which the window follows the centroid
             low = np.maximum(np.floor(at - reach), 0).astype(int)
             high = np.minimum(np.ceil(at + reach) + 1, (width, height)).astype(int)
             v, u = np.mgrid[low[1] : high[1], low[0] : high[0]]

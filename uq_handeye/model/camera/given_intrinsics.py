@@ -71,9 +71,8 @@ RESOLUTIONS = (2.0, 0.5, 1.5, 2 / 3, 3.0, 1 / 3, 4.0, 0.25, 0.75, 4 / 3, 1.25, 0
 REDUCTIONS = (2, 4, 8)
 # Shift of the centre (px) from which on it is described as a crop.
 MIN_CROP_PX = 4.0
-# Readings that are listed, and the difference of their chi-square from that of the best.
+# Readings are listed up to this difference of their chi-square from that of the best.
 MAX_READING_DIFFERENCE = 6.0
-MAX_READINGS = 3
 
 
 def with_default_deviations(values: Known) -> dict[str, float | tuple[float, float]]:
@@ -301,7 +300,7 @@ def readings(test: GivenTest, size: tuple[int, int], model: str) -> list[str]:
             found.append((test.chi2(numbers), words))
             said.add(words)
     found.sort(key=lambda one: one[0])
-    best = [words for chi2, words in found[:MAX_READINGS] if chi2 < found[0][0] + MAX_READING_DIFFERENCE]
+    best = [words for chi2, words in found[:3] if chi2 < found[0][0] + MAX_READING_DIFFERENCE]
     return best or _crop(test)
 
 

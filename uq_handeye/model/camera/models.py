@@ -40,8 +40,6 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
-# Largest step of the inversion of a lens, in normalised coordinates.
-MAX_INVERSE_STEP = 0.2
 # What pixels counted from the corner of the first pixel are larger by.
 CORNER_PX = 0.5
 Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
@@ -227,7 +225,7 @@ def _inverse_brown(coefficients: Array, x: Array, y: Array, z: Array, max_steps:
         off_a, off_b = found.at[0] - a, found.at[1] - b
         over = 1.0 / (xx * yy - xy * xy)
         step_u, step_v = (yy * off_a - xy * off_b) * over, (xx * off_b - xy * off_a) * over
-        size = np.maximum(np.hypot(step_u, step_v) / MAX_INVERSE_STEP, 1.0)  # where the polynomial folds
+        size = np.maximum(np.hypot(step_u, step_v) / 0.2, 1.0)  # steps are 0.2 at most: the polynomial may fold
         u, v = u - step_u / size, v - step_v / size
         if max(np.abs(step_u).max(initial=0.0), np.abs(step_v).max(initial=0.0)) < 1e-13:
             break

@@ -29,8 +29,6 @@ MAX_HALF_PROFILE_PX = 5.0
 # The next structure inside or outside of an edge is nearer by so much, because it is blurred; and the rim of the paper,
 # which is where the white begins to fall.
 EDGE_BLUR_PX, RIM_BLUR_PX = 2.5, 1.5
-# Rounds in which the edges are placed to about a pixel, and after these, in which the rim of the paper is looked for.
-PLACING_ROUNDS, RIM_ROUNDS = 2, 2
 # Profiles of an edge, and parts of it that are placed.
 PLACES, PARTS = 48, 6
 # Least white beyond an edge, where the rim of the paper is near.
@@ -53,13 +51,13 @@ def corners_by_edges(
     Outside the rim of the paper may be nearer: it is looked for in the picture.
     """
     grey, found = picture.astype(np.float32), np.array(quads, dtype=float)
-    for _ in range(PLACING_ROUNDS):
+    for _ in range(2):  # to about a pixel
         edges = _Edges.of(found)
         found = _placed(grey, edges, edges.width * border, edges.width * gap)
     for k in range(rounds):
         edges = _Edges.of(found)
         inner, outer = edges.width * border, edges.width * gap
-        if k < RIM_ROUNDS:
+        if k < 2:  # the rim of the paper is looked for in the first rounds
             rim = _rim(grey, edges, inner, outer)
         h = np.clip(np.minimum(np.minimum(inner, outer) - EDGE_BLUR_PX, rim - RIM_BLUR_PX), 1.0, MAX_HALF_PROFILE_PX)
         offset, clear = _offsets(grey, edges, h)

@@ -12,8 +12,6 @@ from .chain import Kinematics
 
 # Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
 MIN_REACHED_SHARE = 0.6
-# Axes that reach any pose nearby.
-N_AXES_OF_A_POSE = 6
 
 
 def joints_by_poses(kinematics: Kinematics, robot: Array) -> Array:
@@ -33,7 +31,7 @@ def joints_by_poses(kinematics: Kinematics, robot: Array) -> Array:
             found.q[left], found.reached[left] = again.q, again.reached
     if not found.reached.all():
         off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - robot[:, :3, 3], axis=-1)
-        if (axes := kinematics.n_joints) < N_AXES_OF_A_POSE:
+        if (axes := kinematics.n_joints) < 6:  # six axes reach any pose nearby
             raise InputError(
                 f"The arm {kinematics.name} has {axes} axes, which reach rounded or measured poses only nearly "
                 f"({int((~found.reached).sum())} of {len(robot)} are missed). Give its joints (--joints)."

@@ -27,8 +27,6 @@ from .tags import MAX_CORNER_RESIDUAL_PX, TagTrack, adjusted, corners_of, pixels
 
 RAW, RECTIFIED = "raw", "rectified"
 WORDS = {RAW: "K and D, of the raw picture", RECTIFIED: "P, of the rectified picture"}
-# Smallest distance of two cameras of a pair.
-MIN_BASELINE_M = 1e-4
 # Fewest detections that decide; fewer give no standard error.
 MIN_DETECTIONS = 8
 # The largest standard error of the share with which it decides. The share must lie two of them from one half.
@@ -51,7 +49,7 @@ def lens_of(track: TagTrack, info: CameraInfo, side: float, given: str | None = 
     The second camera of a rectified pair is warned of: X is that of its own centre, not of the first camera's.
     """
     found = _lens_of(track, info, side, given)
-    if not found.info.rectified or abs(info.baseline) < MIN_BASELINE_M:
+    if not found.info.rectified or abs(info.baseline) < 1e-4:  # m: one camera, no pair
         return found
     warning = (
         f"The camera_info of {info.frame} is that of the second camera of a rectified pair (P[3] is not 0): X is the "
