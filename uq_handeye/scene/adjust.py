@@ -25,9 +25,6 @@ from ..errors import NotConvergedError
 from .lens import MODEL, Lens
 from .tracks import Tracks
 
-# Squared length, in standard deviations, of a step of all poses and the lens that is the last one; relative change of
-# the pixel noise that is none.
-MIN_STEP, NOISE_ROUNDING = 2e-2, 5e-3
 # Damping of the steps, relative to the diagonal, at the start.
 START_DAMPING = 1e-4
 # Points of which the normal equations are formed at once.
@@ -210,7 +207,7 @@ def adjust(scene: Scene, pull: Pull | None = None) -> tuple[Scene, float]:
         scene, damping, settled = _round(scene, s, pull, damping, length)
         before, s = s, pixel_noise(scene, scene.residuals())
         change = abs(np.log(s / before))
-        if settled and change < NOISE_ROUNDING:
+        if settled and change < 5e-3:  # relative change of the pixel noise
             break
         # near the end: weights that decrease with the residual make steps by them alone too short, by about this factor
         length = 1.5 if change < 0.1 else 1.0
@@ -242,7 +239,7 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: fl
             return scene, START_DAMPING, True
         scene, cost = tried, new
         damping = max(0.1 * damping, 1e-9)
-        if step @ H @ step < MIN_STEP:
+        if step @ H @ step < 2e-2:  # squared length of the step in standard deviations
             return scene, damping, True
     return scene, damping, False
 

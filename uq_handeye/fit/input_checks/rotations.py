@@ -14,7 +14,7 @@ from ...methods.procrustes.degeneracy import MIN_SPREAD_RATIO, infinite_directio
 from ...model.noise.models import Noise, marginals
 from ...model.poses.motions import Motions
 from ...model.poses.residuals import median, rotation_angles
-from ..likelihood.constraint import covariances_of, of_motions
+from ..likelihood.constraint import ONE_AXIS_SIN2, covariances_of, of_motions
 
 # Beyond this RMS difference of their angles the rows of robot and camera are not the same moments, unless the noise
 # explains it.
@@ -30,8 +30,6 @@ SMALL_ANGLE_RAD = np.radians(5.0)
 NEAR_HALF_TURN_RAD = np.radians(150.0)
 # The rotations must exceed their noise by this factor; otherwise X is determined by the noise.
 SIGNAL_TO_NOISE = 4.0
-# Rotations whose mean squared sine across the main axis stays below this may be noise.
-POOR_ROTATION = 0.03
 
 
 def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[Finding]:
@@ -78,7 +76,7 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
     shown = (median(angle) / 1.54) ** 2  # 1.54: median length of a Gaussian vector of three standard deviations 1
     given = noise is not None
-    if spread[0] + spread[1] < POOR_ROTATION and (noise is None or shown > 9.0 * variance):
+    if spread[0] + spread[1] < ONE_AXIS_SIN2 and (noise is None or shown > 9.0 * variance):
         variance, given = shown, False
     independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
     u, v = (0.5 * vee(T[..., :3, :3]).T for T in (motions.A, motions.B))

@@ -62,8 +62,6 @@ ARMS: tuple[str, ...] = (
 OFFSET_SD, TILT_SD, LENGTH_SD, HARMONIC_SD, SAG_SD = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 # Translations divided by this length count like rotations in rad.
 LENGTH_PER_RAD_M = 0.5
-# The range of the truncated columns is looked for with this many directions more than are kept.
-MORE_DIRECTIONS = 12
 # The frames of base and flange are this many times as uncertain between arms as by a sample of the workspace.
 # DISTANT_SHARE is the share of the errors far from the poses of the data that is independent of the errors at these
 # poses (`unseen`). All three were determined by leaving families of arms out.
@@ -187,7 +185,8 @@ class BoundPopulation(ReadOnlyArrays):
         share = reached.mean(axis=1)
         kept = (share >= 0.5) | (share >= np.sort(share)[-min(min_arms, len(share))])
         rows = _rows(G[kept])
-        U, energy = truncated(rows, _sketch(robot, reach, rank + MORE_DIRECTIONS), rank)
+        # the range is looked for with 12 directions more than are kept
+        U, energy = truncated(rows, _sketch(robot, reach, rank + 12), rank)
         basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
         K = cls._unscaled(U * np.sqrt(energy))
         unit = np.tile(np.repeat([1.0 / reach, 1.0], 3), 2)

@@ -43,8 +43,6 @@ from ..graph import Graph
 PROVEN = 1e-5
 # Standard deviation (rad, m) presumed of every view before its noise is known.
 ROUGH_SD = 2e-3
-# Another minimum counts as better where its value is lower by more than this share.
-MIN_RELATIVE_GAIN = 1e-6
 # An estimate belongs to the global minimum of the isotropic problem up to this distance, RMS in standard
 # deviations;
 MAX_APART_SD = 5.0
@@ -201,7 +199,7 @@ class Isotropic:
         if gap <= PROVEN:
             return at, gap, None
         other, Q = self._minimum(towards)
-        return at, gap, other if Q[-1, -1] < value - MIN_RELATIVE_GAIN * scale else None
+        return at, gap, other if Q[-1, -1] < value - 1e-6 * scale else None  # lower by more than rounding
 
     @property
     def count(self) -> int:

@@ -81,9 +81,8 @@ MOVES = {
 }
 WRONG_POSES = tuple(product((1.0, 10.0), (10.0, 100.0)))
 RATIOS = {FOCAL_LENGTH: (0.005, 0.02), TARGET_SIZE: (0.005, 0.02, 0.1), IMAGE_CENTRE: (1e-3, 3e-3, 1e-2)}
-# A part that slides on a face or in a slot: by these lengths (m), and else by no more than this (rad, m).
+# A part that slides on a face or in a slot: by these lengths (m).
 SLIDES_M = (1e-3, 5e-3)
-STAYS_RAD, STAYS_M = 2e-4, 5e-5
 
 
 def _of_move(angle: float, shift: float) -> Array:
@@ -100,7 +99,8 @@ def prior_sizes(name: str, R: Array | None = None) -> list[Array]:
     free = [_of_move(*pair) for pair in MOVES.get(name, WRONG_POSES)]
     if R is None:
         return free
-    stays, along = np.diag([STAYS_RAD] * 3 + [STAYS_M] * 3), np.concatenate([np.zeros((3, 3)), R])
+    # a part that slides hardly moves otherwise: standard deviations in rad and m
+    stays, along = np.diag([2e-4] * 3 + [5e-5] * 3), np.concatenate([np.zeros((3, 3)), R])
     groups = ([0], [1], [2]) if name == CAMERA_MOVED else ([0, 1],)
     return free + [np.concatenate([stays, s * along[:, axes]], axis=1) for s in SLIDES_M for axes in groups]
 

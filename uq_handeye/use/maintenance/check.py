@@ -50,8 +50,6 @@ from .misread import misread, scale_finding
 
 # Poses of joints that are farther from those of the files (rad, share of the reach) are of another arm.
 ANOTHER_ARM_SHARE = 0.05
-# Where the focal length explains the poses, a smaller factor on translations than 1.2 is no other reading of the files.
-MIN_FACTOR_BESIDE_LENS = 0.2
 
 
 @overload
@@ -185,8 +183,9 @@ def _of_change(
 
     first = causes.named
     lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
+    # where the focal length explains the poses, a smaller factor on translations than 1.2 is no other reading
     other = (
-        misread(result.X, result.W, poses, evidence, d2_of, least_factor=MIN_FACTOR_BESIDE_LENS)
+        misread(result.X, result.W, poses, evidence, d2_of, least_factor=0.2)
         if lens
         else misread(result.X, result.W, poses, evidence, d2_of)
     )

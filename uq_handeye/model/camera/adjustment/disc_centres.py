@@ -21,7 +21,7 @@ from ....core.geometry.se3 import Array
 from ..corners import Corners
 from .bundle import Bundle
 
-RADII, ANGLES = 3, 12
+ANGLES = 12
 
 
 def offset(bundle: Bundle, corners: Corners) -> Array:
@@ -29,7 +29,7 @@ def offset(bundle: Bundle, corners: Corners) -> Array:
     if corners.diameter is None:
         return np.zeros((corners.m, 2))
     poses = bundle.poses[corners.picture]
-    nodes, weights = np.polynomial.legendre.leggauss(RADII)
+    nodes, weights = np.polynomial.legendre.leggauss(3)  # radii
     radius, angle = 0.5 * (nodes + 1.0), 2.0 * np.pi * np.arange(ANGLES) / ANGLES
     unit = (radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
     of_ring = np.repeat(weights * radius, ANGLES)
