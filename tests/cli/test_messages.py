@@ -265,7 +265,7 @@ def test_the_demo_writes_its_report_and_ends_with_the_truth(tmp_path, monkeypatc
 
 @pytest.mark.slow
 def test_colours_on_a_terminal_only(session):
-    swapped = ("calibrate", "camera.csv", "robot.csv", *NOISE)
+    swapped = ("calibrate", "camera.csv", "robot.csv")
     status, seen = run_on_terminal(*swapped, cwd=session)
     assert status in (0, 3) and f"{YELLOW}caution\x1b[0m  " in seen and BOLD in seen
     assert run_as_on_terminal(*swapped, cwd=session) == (status, seen.replace("\r\n", "\n"))

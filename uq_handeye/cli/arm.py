@@ -68,7 +68,7 @@ class ChainOptions(Options):
       * --joints FILE.csv: Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF (of
         other arms numbered, e.g. J1, or as their driver names them), and one row per pose. The robot poses follow from
         the joints; a single file argument is CAMERA.
-      * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, or MJCF model FILE.xml. Not beside --urdf. The
+      * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, or MJCF model FILE.xml. Not with --urdf. The
         nominal kinematics are used, with or without --joints. Names: {ROBOT_MODELS}.
       * --urdf FILE.urdf: Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the
         poses in ROBOT by inverse kinematics.

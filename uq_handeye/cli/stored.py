@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from ..core.files.json_files import result_file
 from ..errors import InputError
 from .messages import given_options
 
@@ -101,6 +100,8 @@ def stored_rig(path: Path | None) -> "RigCalibration | None":
 
 
 def _format(path: Path | None) -> str:
+    from ..core.files.json_files import result_file  # NumPy is slow to import
+
     path = None if path is None else result_file(path)
     if path is None or path.suffix.lower() != ".json" or not path.is_file():
         return ""

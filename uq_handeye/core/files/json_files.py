@@ -19,7 +19,7 @@ from .open import StrPath, as_path, opened, shown
 from .packed import packed
 
 # Parts of a result file with arrays for this program; X, its covariance and the table of poses are lists of numbers.
-COMPACT_PARTS = ("noise", "noise_estimate", "posterior", "analysis", "shared", "data", "corrected", "rig")
+COMPACT_PARTS = ("noise", "posterior", "analysis", "shared", "data", "corrected", "rig")
 # Name of the checksum in a result file, and the hash function that makes it.
 CHECKSUM, HASH = "checksum", "sha256"
 # Names of the result in the folder that ``calibrate -o`` writes: of one camera, of several.
