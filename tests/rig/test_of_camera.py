@@ -39,7 +39,6 @@ def test_points_are_predicted_as_by_the_rig(place, given):
         np.testing.assert_allclose(mine.std[: len(theirs.points)], theirs.std, rtol=5e-3)
 
 
-@pytest.mark.slow
 def test_covariance_is_that_of_the_rig():
     _, truth, result = one_rig({"left": "arm", "right": "arm"}, {"board": "world"})
     one = uq.of_camera(result, "left", "board")

@@ -25,7 +25,9 @@ from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...findings import Finding
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
+from .agreement import agreement
 from .board_rotation import DECISIVE_DIFFERENCE_RAD, MAX_ANGLE_DIFFERENCE_RAD
+from .consistency import MAX_MISFIT_SHARE
 from .covariance_convention import MAX_POSES
 
 # Fewest poses whose readings are looked for: fewer fit by chance.
@@ -57,7 +59,16 @@ def reordered_views(poses: PosePairs, rejected: NDArray[np.bool_] | None = None)
         for kind in (HALF, MIRRORED, QUARTER)
     }
     left_out = rejected is not None and bool(rejected[read > 0].all())
+    if not left_out and not _agrees(poses.rows(np.flatnonzero(read == 0))):
+        return None  # something else is wrong, too, such as the setup
     return Finding("input_checks.board_order", "caution" if left_out else "failure", rows | {"rejected": left_out})
+
+
+def _agrees(poses: PosePairs) -> bool:
+    """Return whether robot and camera agree in rotation and translation, as the files are read."""
+    G = poses.effective_robot
+    found, travel = agreement(G, poses.camera, scale_free=False), np.linalg.norm(np.std(G[:, :3, 3], axis=0))
+    return found is not None and found.distance <= MAX_MISFIT_SHARE * float(travel)
 
 
 def _read(E: Array, C: Array, group: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
