@@ -34,12 +34,12 @@ def good() -> uq.Calibration:
 
 
 def cautions() -> uq.Calibration:
-    """Return the calibration of 12 poses with small rotations, a wrong detection, and half of the noise declared."""
+    """Return the calibration of 12 poses with small rotations, a wrong detection, and 65 % of the noise declared."""
     poses = uq.simulate(n_poses=12, noise=NOISE, tilt="8deg", roll="8deg", seed=2)
     camera = poses.camera.copy()
     camera[7, :3, 3] += [0.0, 0.012, 0.02]
-    half = uq.PoseNoise.isotropic(robot=("0.01deg", "0.025mm"), camera=("0.05deg", "0.25mm"))
-    return uq.calibrate(uq.PosePairs(poses.robot, camera, setup="eye-in-hand"), noise=half)
+    small = uq.PoseNoise(NOISE.robot * 0.65**2, NOISE.camera * 0.65**2)
+    return uq.calibrate(uq.PosePairs(poses.robot, camera, setup="eye-in-hand"), noise=small)
 
 
 def not_usable() -> uq.Calibration:
