@@ -83,6 +83,13 @@ class Planning:
     floor: str | None = None
     tolerance: str | None = None
 
+    @property
+    def of_plan(self) -> dict[str, Any]:
+        """Arguments of `plan` that all ways to plan have."""
+        point = None if self.point is None else self.point.split(",")
+        names = ("criterion", "length", "sample", "seed", "repeat", "floor", "tolerance")
+        return {name: getattr(self, name) for name in names} | {"point": point}
+
     def require_possible(self, arm: "Arm | None") -> None:
         """Raise `InputError` for options that are impossible or exclude each other."""
         for name, value, least in (("-k", self.k, 1), ("--sample", self.sample, 1), ("--seed", self.seed, 0)):
@@ -167,16 +174,9 @@ def plan_command(
             rows,
             planning.k,
             noise=noise,
-            criterion=planning.criterion,
-            point=None if planning.point is None else planning.point.split(","),
-            length=planning.length,
-            sample=planning.sample,
-            seed=planning.seed,
-            repeat=planning.repeat,
             shared=shared,
             prior=given.prior,
-            floor=planning.floor,
-            tolerance=planning.tolerance,
+            **planning.of_plan,
             **of_arm,
         )
     _deliver(found, form, as_json, output)
@@ -197,14 +197,7 @@ def _plan_of_result(
             stored,
             rows,
             planning.k,
-            criterion=planning.criterion,
-            point=None if planning.point is None else planning.point.split(","),
-            length=planning.length,
-            sample=planning.sample,
-            seed=planning.seed,
-            repeat=planning.repeat,
-            floor=planning.floor,
-            tolerance=planning.tolerance,
+            **planning.of_plan,
         )
     _deliver(found, form, as_json, output)
 
