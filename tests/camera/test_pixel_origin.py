@@ -50,7 +50,7 @@ def test_poses_are_those_of_pixels_counted_from_the_centre(tag):
     shifted = poses_by_opencv(camera, 0.5)
     found = poses_from_centre(shifted, POINTS, "pinhole", INTRINSICS)
     before, after = (np.linalg.norm((each - camera)[:, :3, 3], axis=1).max() for each in (shifted, found))
-    assert before > 2e-4 and after < 1e-6
+    assert before > 2e-4 and after < 3e-6  # OpenCV stops at steps of about 1e-6
     np.testing.assert_allclose(found, camera, atol=3e-6)
     pairs = pairs_from_centre(uq.PosePairs(camera, shifted), POINTS, "pinhole", INTRINSICS)
     assert "counted from the corner" in str(pairs.findings[-1])
