@@ -1,20 +1,23 @@
 """Camera or target that moves or drifts in the middle of a session: how often it is named, and false alarms.
 
-    python -m studies.one_model.moves [--sets 200] [--only step,drift,arms] [--first 0]
+    python -m studies.one_model.moves [--sets 200] [--only step,drift,arms,exchanged] [--first 0] [--store FILE]
 
 Sets of 25 poses with noise of 0.05 deg and 0.3 mm, of which the target or the camera is elsewhere from a pose in the
 middle on: by 3 mm or by 0.3 deg in a random direction, in both setups in turn, without and with timestamps. A step is
 named if the finding has what moved and a pose within two of the true one. The same numbers of a drift in proportion to
-the pose. False alarms are findings of either kind in sets where nothing moved, of 8 to 60 poses and of arms whose
-errors are 0, 0.6 and 2 mm. Prints Markdown tables.
+the pose. False alarms are findings of either kind in sets where nothing moved: of 8 to 60 poses and of arms whose
+errors are 0, 0.6 and 2 mm, and of 25 poses whose files of robot and camera are exchanged, with the noise given. Prints
+Markdown tables. With ``--store`` the answers are kept in a file as they come, and a later run goes on from there.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,15 +72,15 @@ def timed(poses: uq.PosePairs, seed: Sequence[int]) -> uq.PosePairs:
     return uq.PosePairs(poses.robot, poses.camera, poses.setup, np.cumsum(gaps))
 
 
-def found(poses: uq.PosePairs) -> Finding | None:
+def found(poses: uq.PosePairs, noise: uq.PoseNoise | None = None) -> Finding | None:
     """Return the finding about what did not stand still."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
-        findings = uq.calibrate(poses).findings
+        findings = uq.calibrate(poses, noise=noise).findings
     return next((one for one in findings if one.code in (MOVED, DRIFTS)), None)
 
 
-def _word(finding: Finding | None, part: str) -> str:
+def word_of(finding: Finding | None, part: str) -> str:
     if finding is None:
         return "nothing"
     word = "step" if finding.code == MOVED else "drift"
@@ -86,37 +89,87 @@ def _word(finding: Finding | None, part: str) -> str:
     return f"{word} elsewhere" if word == "step" and abs(finding.values["since"] - SINCE) > MAX_POSES_OFF else word
 
 
-def named(kind: str, sets: Iterable[int], with_times: bool) -> str:
+class Answers:
+    """Answers of single sets, kept in a file of JSON lines; those in it are not computed again."""
+
+    def __init__(self, path: str | None) -> None:
+        self.path = None if path is None else Path(path)
+        self.known: dict[str, str] = {}
+        if self.path is not None and self.path.exists():
+            lines = self.path.read_text(encoding="utf-8").splitlines()
+            self.known = dict(json.loads(line) for line in lines)
+
+    def of(self, case: Sequence[Any], answer: Callable[[], str]) -> str:
+        """Return the answer of a case, computed where it is not known."""
+        key = " ".join(map(str, case))
+        if key not in self.known:
+            self.known[key] = answer()
+            if self.path is not None:
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps([key, self.known[key]]) + "\n")
+        return self.known[key]
+
+
+def named(kind: str, sets: Iterable[int], with_times: bool, answers: Answers) -> str:
     """Return the table of a step or a drift."""
     draw, rows = {"step": stepped, "drift": drifting}[kind], []
     for part in PARTS:
         for size, (shift, angle) in SIZES.items():
             counts: Counter[str] = Counter()
             for k in sets:
-                poses = draw([7, k], part, shift, angle, setup=SETUPS[k % 2])
-                counts[_word(found(timed(poses, [7, k]) if with_times else poses), part)] += 1
+
+                def answer(k: int = k, part: str = part, shift: float = shift, angle: float = angle) -> str:
+                    poses = draw([7, k], part, shift, angle, setup=SETUPS[k % 2])
+                    return word_of(found(timed(poses, [7, k]) if with_times else poses), part)
+
+                counts[answers.of((kind, part, size, with_times, k), answer)] += 1
             others = ", ".join(f"{word} {count}" for word, count in counts.most_common() if word != kind)
             rows.append([kind, part, size, "yes" if with_times else "no", counts[kind], sum(counts.values()), others])
     return _table(["change", "of", "by", "times", "named", "sets", "other answers"], rows)
 
 
-def false_alarms(sets: Iterable[int], with_times: bool) -> str:
+def false_alarms(sets: Iterable[int], with_times: bool, answers: Answers) -> str:
     """Return the table of sets in which nothing moved."""
     rows = []
     for words, accuracy in ACCURACIES.items():
         counts: Counter[str] = Counter()
         for k in sets:
-            rng = np.random.default_rng([8, k, int(1e5 * accuracy)])
-            arm, spread = list(ARMS)[k % len(ARMS)], list(SPREADS)[k % len(SPREADS)]
-            n, setup = COUNTS[k % len(COUNTS)], SETUPS[(k // 2) % 2]
-            poses = arm_set(arm, accuracy, rng, n=n, setup=setup, spread=spread).poses
-            if (finding := found(timed(poses, [8, k]) if with_times else poses)) is not None:
-                counts[f"{finding.code} {arm} {n} {setup}"] += 1
-            counts["sets"] += 1
-        total = counts.pop("sets")
+
+            def answer(k: int = k, accuracy: float = accuracy) -> str:
+                rng = np.random.default_rng([8, k, int(1e5 * accuracy)])
+                arm, spread = list(ARMS)[k % len(ARMS)], list(SPREADS)[k % len(SPREADS)]
+                n, setup = COUNTS[k % len(COUNTS)], SETUPS[(k // 2) % 2]
+                poses = arm_set(arm, accuracy, rng, n=n, setup=setup, spread=spread).poses
+                finding = found(timed(poses, [8, k]) if with_times else poses)
+                return "" if finding is None else f"{finding.code} {arm} {n} {setup}"
+
+            counts[answers.of(("arms", words, with_times, k), answer)] += 1
+        total = sum(counts.values())
+        quiet = counts.pop("", 0)
         said = "; ".join(f"{word}: {count}" for word, count in counts.most_common())
-        rows.append([words, "yes" if with_times else "no", sum(counts.values()), total, said])
+        rows.append([words, "yes" if with_times else "no", total - quiet, total, said])
     return _table(["errors of the arm", "times", "false alarms", "sets", "which"], rows)
+
+
+def exchanged(sets: Iterable[int], with_times: bool, answers: Answers) -> str:
+    """Return the table of files of robot and camera that are exchanged, in which nothing moved."""
+    rows = []
+    for given in (False, True):
+        counts: Counter[str] = Counter()
+        for k in sets:
+
+            def answer(k: int = k, given: bool = given) -> str:
+                drawn = uq.simulate(n_poses=N_POSES, noise=NOISE, seed=[9, k], setup=SETUPS[k % 2])
+                poses = uq.PosePairs(drawn.camera, drawn.robot, drawn.setup)
+                finding = found(timed(poses, [9, k]) if with_times else poses, NOISE if given else None)
+                return "" if finding is None else finding.code
+
+            counts[answers.of(("exchanged", given, with_times, k), answer)] += 1
+        total = sum(counts.values())
+        quiet = counts.pop("", 0)
+        said = "; ".join(f"{word}: {count}" for word, count in counts.most_common())
+        rows.append(["yes" if given else "no", "yes" if with_times else "no", total - quiet, total, said])
+    return _table(["files exchanged, noise given", "times", "false alarms", "sets", "which"], rows)
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -131,11 +184,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", default="step,drift,arms")
     parser.add_argument("--times", default="no,yes")
+    parser.add_argument("--store", help="file with the answers of single sets, to go on from")
     options = parser.parse_args()
-    sets = range(options.first, options.first + options.sets)
+    sets, answers = range(options.first, options.first + options.sets), Answers(options.store)
+    of_clean = {"arms": false_alarms, "exchanged": exchanged}
     for with_times in (of == "yes" for of in options.times.split(",")):
         for kind in options.only.split(","):
-            table = false_alarms(sets, with_times) if kind == "arms" else named(kind, sets, with_times)
+            clean = of_clean.get(kind)
+            table = named(kind, sets, with_times, answers) if clean is None else clean(sets, with_times, answers)
             print(f"\n{table}", flush=True)
 
 
