@@ -13,7 +13,7 @@ from uq_handeye.model.error_terms import key as key_module
 from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
 from uq_handeye.model.error_terms.keys import ARM, FOCAL_LENGTH, PRINCIPAL_POINT
 from uq_handeye.model.error_terms.sizes import SIZES
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 PACKAGE = Path(uq.__file__).parent
 # Where text is made, and where names come from a command line.

@@ -18,6 +18,7 @@ if _typing.TYPE_CHECKING:
     from .calibration.evidence.touches import Touches
     from .calibration.of_camera import of_camera
     from .calibration.result import Calibration, load
+    from .calibration.rig_result import RigCalibration
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .core.geometry.nearest_rotation import orthonormalise
     from .core.geometry.uncertain_poses import covariance_of_inverse, fused_pose, relative_pose
@@ -71,6 +72,7 @@ if _typing.TYPE_CHECKING:
     from .model.poses.motions import Motions, relative_motions
     from .model.poses.pose_pairs import PosePairs
     from .model.poses.stream import Stream
+    from .model.rig.description import ArmPoses, Rig, View
     from .model.shared_errors.camera_noise import camera_noise
     from .model.shared_errors.shared_error import SharedError
     from .read import (
@@ -82,17 +84,15 @@ if _typing.TYPE_CHECKING:
         read_stream,
         write_pose_file,
     )
+    from .read.rig.rig_file import read_rig
     from .read.rosbag.streams import read_bag
     from .read.synchronisation.result import Synchronised
     from .read.synchronisation.synchronise import synchronise
     from .report.certificate import Certificate, make_certificate
     from .report.comparison.compare import compare
     from .report.comparison.result import Comparison
-    from .rig.description import ArmPoses, Rig, View
-    from .rig.files.rig_file import read_rig
-    from .rig.result import RigCalibration
-    from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
+    from .trials.simulation.several_cameras import simulate_rig
     from .trials.validation.cross_check.result import CrossCheck
     from .trials.validation.cross_check.run import cross_check
     from .trials.validation.monte_carlo.run import MonteCarlo, monte_carlo
@@ -338,11 +338,11 @@ _LATER = {
     "model.points.result": ("PointPoses", "read_point_poses"),
     "model.points.point_file": ("read_points", "read_target"),
     "model.points.measured": ("PointSet", "Target"),
-    "rig.description": ("ArmPoses", "Rig", "View"),
+    "model.rig.description": ("ArmPoses", "Rig", "View"),
     "model.poses.estimated_pose": ("EstimatedPose",),
-    "rig.result": ("RigCalibration",),
-    "rig.files.rig_file": ("read_rig",),
-    "rig.simulation": ("simulate_rig",),
+    "calibration.rig_result": ("RigCalibration",),
+    "read.rig.rig_file": ("read_rig",),
+    "trials.simulation.several_cameras": ("simulate_rig",),
     "read.rosbag.streams": ("read_bag",),
     "model.shared_errors.camera_noise": ("camera_noise",),
     "model.poses.motions": (

@@ -11,13 +11,13 @@ from itertools import combinations
 import numpy as np
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
+from uq_handeye.calibration.estimate.rig_poses import relative_pose
 from uq_handeye.core.geometry.se3 import logarithm
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.fit import RigFit, fit
-from uq_handeye.rig.graph import Graph
-from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.poses import relative_pose
-from uq_handeye.rig.simulation import with_noise
+from uq_handeye.fit.graph.fit import RigFit, fit
+from uq_handeye.fit.graph.graph import Graph
+from uq_handeye.fit.graph.noise import given_noise
+from uq_handeye.trials.simulation.several_cameras import with_noise
 
 CASES = {
     "two cameras on a hand, two targets": (("arm",), {"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}),

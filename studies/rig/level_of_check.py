@@ -8,8 +8,8 @@ import sys
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.simulation import with_noise
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
+from uq_handeye.trials.simulation.several_cameras import with_noise
 
 CASES = {
     "two cameras on a hand": ({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}),
@@ -32,7 +32,7 @@ def run(draws: int) -> None:
         noise, p, ratio = dict.fromkeys(("arm", *cameras), ("0.5mrad", "0.3mm")), [], []
         for k in range(draws):
             rig = with_noise(exact, noise, np.random.default_rng([7, k]))
-            found = calibrate_rig(part(rig, 0, 30), robust=False).check(part(rig, 30, 40))
+            found = uq.check(calibrate_rig(part(rig, 0, 30), robust=False), part(rig, 30, 40))
             p.append(found.p_value)
             ratio.append(found.d2 / found.dof)
         below = ", ".join(f"{np.mean(np.array(p) < level):.3f} below {level}" for level in (0.05, 0.2))

@@ -17,9 +17,9 @@ import pandas as pd
 from scipy.optimize import approx_fprime
 
 import uq_handeye as uq
+from uq_handeye.calibration.estimate.rig_poses import relative_pose
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.read import read_pose_file
-from uq_handeye.rig.poses import relative_pose
 
 FOCAL, CENTRE, NOISE = 1371.0227, (959.5, 539.5), 0.061  # px; the noise is that of the corners about the best fit
 

@@ -12,12 +12,13 @@ import numpy as np
 
 from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
 from uq_handeye.errors import DegenerateMotionError, InputError
-from uq_handeye.rig.checks.optimality import PROVEN, Isotropic
-from uq_handeye.rig.fit import fit
-from uq_handeye.rig.graph import Graph
-from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.simulation import simulate_rig, with_noise
-from uq_handeye.rig.start import require_tied, start_of
+from uq_handeye.fit.diagnostics.optimality import PROVEN, Isotropic
+from uq_handeye.fit.graph.fit import fit
+from uq_handeye.fit.graph.graph import Graph
+from uq_handeye.fit.graph.noise import given_noise
+from uq_handeye.fit.graph.start import start_of
+from uq_handeye.model.rig.tied import require_tied
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 AXES = {"all": None, "near": [[1.0, 0.0, 0.0], [1.0, 0.2, 0.0]], "right angles": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}
 STARTS = 10

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 from .consistency import error
 

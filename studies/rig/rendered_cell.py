@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.read import read_pose_file
-from uq_handeye.rig.calibrate import calibrate_rig
 
 from .consistency import error, rms
 

@@ -8,7 +8,7 @@ import pytest
 import uq_handeye as uq
 from studies.one_model.usable import NOISE, drawn
 from uq_handeye.cli.app import main
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
 pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 VIEW = ("1mrad", "0.5mm")

@@ -11,7 +11,7 @@ from support import missing
 
 import uq_handeye as uq
 from uq_handeye.core.presentation import page as pdf
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.session import Session
 

@@ -8,11 +8,11 @@ import pytest
 from fixtures.commands import run
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.rotations import Rotation
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.read.camera_poses import read_camera_poses
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 from uq_handeye.use.verification.verify_cameras import verify_cameras
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))

@@ -10,7 +10,7 @@ import uq_handeye as uq
 from uq_handeye.cli.app import main
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.errors import NotConvergedError
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")]
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))

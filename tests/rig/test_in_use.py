@@ -9,9 +9,12 @@ import pytest
 from scipy.stats import binom, chi2
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.se3 import inverse, perturb
-from uq_handeye.rig.calibrate import calibrate_rig, update_rig
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
+from uq_handeye.use.maintenance.check_views import RigCheck
+from uq_handeye.use.maintenance.update_views import update_rig
+from uq_handeye.use.planning.next_views import RigPlan
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")
@@ -50,7 +53,7 @@ def test_new_views_agree_as_often_as_the_level_says():
     p = []
     for k in range(60):
         old, new, _, noise = drawn(HAND, 30, 20, k)
-        p.append(calibrate_rig(old, noise, robust=False).check(new).p_value)
+        p.append(uq.check(calibrate_rig(old, noise, robust=False), new).p_value)
     assert binom.cdf(sum(value < 0.05 for value in p), 60, 0.05) < 0.999
     assert chi2.sf(-2 * np.log(p).sum(), 120) > 1e-4  # not too small
     assert chi2.cdf(-2 * np.log(p).sum(), 120) > 1e-4  # not too large
@@ -58,7 +61,9 @@ def test_new_views_agree_as_often_as_the_level_says():
 
 @pytest.mark.statistical
 def test_estimated_noise_is_covered():
-    p = [calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))]
+    p = [
+        uq.check(calibrate_rig(old), new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))
+    ]
     assert binom.cdf(sum(value < 0.05 for value in p), 25, 0.05) < 0.999
     assert abs(np.mean(p) - 0.5) < 4 / np.sqrt(12 * 25)  # nor is it far too careful
 
@@ -82,13 +87,11 @@ def test_the_pose_that_moved_is_named(name):
         views.append(uq.View(view.camera, view.target, C, view.at))
     new = uq.Rig(new.arms, new.cameras, new.targets, views)
     result = calibrate_rig(with_noise(old, noise, [SEED, 1]), noise)
-    found = result.check(with_noise(new, noise, [SEED, 2]))
+    found = uq.check(result, with_noise(new, noise, [SEED, 2]))
     assert found.status == "moved" and found.moves[0].name == name
     assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
     assert found.moves[0].shift == pytest.approx(3e-3, abs=1.5e-3)
-    assert (
-        name in found.sentence and uq.rig.checks.check.RigCheck.from_dict(found.to_dict()).summary() == found.summary()
-    )
+    assert name in found.sentence and RigCheck.from_dict(found.to_dict()).summary() == found.summary()
 
 
 @pytest.mark.slow
@@ -99,7 +102,7 @@ def test_what_the_calibration_left_open_raises_no_alarm():
     result = calibrate_rig(with_noise(old, noise, 1), noise)
     assert len(result.open) == 1
     free, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=6, seed=3)
-    found = result.check(with_noise(new, noise, 2))
+    found = uq.check(result, with_noise(new, noise, 2))
     assert not found.changed and found.dof <= 90
     assert free.arms
 
@@ -118,7 +121,7 @@ def test_what_the_calibration_left_open_raises_no_alarm():
 def test_new_views_of_something_else_are_refused(change, message):
     old, new, _, noise = drawn(HAND, 20, 15, 0)
     with pytest.raises(uq.InputError, match=message):
-        calibrate_rig(old, noise).check(change(new))
+        uq.check(calibrate_rig(old, noise), change(new))
 
 
 CELL = ({"left": "arm", "right": "arm", "front": "world"}, {"board": "world", "plate": "arm"})
@@ -195,15 +198,15 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     noise = noise_of(exact)
     old, _ = split(exact, 12)
     result = calibrate_rig(with_noise(old, noise, 1), noise, robust=False)
-    found = result.plan({"arm": exact.arms["arm"].poses}, k=4)
+    found = uq.plan(result, {"arm": exact.arms["arm"].poses}, k=4)
     errors = [found.error, *(step.error for step in found.steps)]
     assert all(a > b for a, b in itertools.pairwise(errors))
     assert {step.camera for step in found.steps} <= {"left", "right"}
-    again = uq.rig.plan.RigPlan.from_dict(found.to_dict())
+    again = RigPlan.from_dict(found.to_dict())
     assert again.text() == found.text() and len(found.steps) == 4
-    worst = result.plan({"arm": np.tile(old.arms["arm"].poses[:1], (5, 1, 1))}, k=4)
+    worst = uq.plan(result, {"arm": np.tile(old.arms["arm"].poses[:1], (5, 1, 1))}, k=4)
     assert found.steps[-1].error < worst.steps[-1].error
-    assert len(result.plan(k=3, sample=50).steps) == 3
+    assert len(uq.plan(result, k=3, sample=50).steps) == 3
 
 
 @pytest.mark.slow
@@ -216,8 +219,6 @@ def test_the_public_functions_take_rigs():
     assert result.to_dict() == calibrate_rig(old, noise).to_dict()
     found = uq.check(result, new, tolerance="1mm,0.1deg")
     assert found.limits == (1e-3, np.radians(0.1)) and found.status == "cannot tell"
-    assert uq.check(result, new).to_dict() == result.check(new).to_dict()
-    assert uq.plan(result, k=2).to_dict() == result.plan(k=2).to_dict()
     np.testing.assert_allclose(uq.update(result, new).poses, update_rig(result, new).poses)
     for call in (
         lambda: uq.check(result, new, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))),

@@ -7,12 +7,12 @@ import pytest
 from fixtures.commands import run
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
+from uq_handeye.calibration.prediction.noise_of_views import new_noise
 from uq_handeye.calibration.prediction.predict import shared_effects
 from uq_handeye.core.geometry.se3 import difference
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.checks.check import new_noise
-from uq_handeye.rig.graph import Graph
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.fit.graph.graph import Graph
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.checks.optimality import PROVEN, Isotropic, _constraints, prove
-from uq_handeye.rig.fit import fit
-from uq_handeye.rig.graph import Graph
-from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.simulation import simulate_rig, with_noise
-from uq_handeye.rig.start import start_of
+from uq_handeye.fit.diagnostics.optimality import PROVEN, Isotropic, _constraints, prove
+from uq_handeye.fit.graph.fit import fit
+from uq_handeye.fit.graph.graph import Graph
+from uq_handeye.fit.graph.noise import given_noise
+from uq_handeye.fit.graph.start import start_of
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")
@@ -107,7 +107,7 @@ def test_a_fit_in_a_local_minimum_is_left_for_the_global_one(monkeypatch):
         if problem.value(planted) < 1.01 * problem.value(right.poses):
             continue
         monkeypatch.setattr(
-            "uq_handeye.rig.calibrate.start_of", lambda g, s, at=planted: (at, np.ones(g.E, dtype=bool))
+            "uq_handeye.calibration.calibrate_rig.start_of", lambda g, s, at=planted: (at, np.ones(g.E, dtype=bool))
         )
         found = calibrate_rig(rig, noise, robust=False)
         left += 1

@@ -7,11 +7,12 @@ import pytest
 from fixtures.commands import run
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.cli.values import by_names
 from uq_handeye.core.geometry.se3 import difference, perturb
-from uq_handeye.rig.calibrate import calibrate_rig, update_rig
-from uq_handeye.rig.selection import selected
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.model.rig.selection import selected
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
+from uq_handeye.use.maintenance.update_views import update_rig
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")
@@ -109,7 +110,7 @@ def test_declared_errors_count_beside_given_noise_and_in_an_update(tmp_path):
     later = {name: uq.ArmPoses(arm.poses, tuple(range(100, 115))) for name, arm in new.arms.items()}
     views = [uq.View(view.camera, view.target, view.poses, tuple(range(100, 115))) for view in new.views]
     new = uq.Rig(later, rig.cameras, rig.targets, views)
-    assert not again.check(new).changed
+    assert not uq.check(again, new).changed
     both = update_rig(again, new, although_changed=True)
     assert [str(key) for key in both.posterior.keys] == [str(key) for key in found.posterior.keys]
 

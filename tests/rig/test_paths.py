@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, kstest
 
 import uq_handeye as uq
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")

@@ -13,10 +13,10 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.cli.app import main
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.page import rig_html
-from uq_handeye.rig.simulation import simulate_rig, with_noise
+from uq_handeye.report.rig_page import rig_html
+from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 RIG = """
 [arms.arm]

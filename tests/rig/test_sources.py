@@ -11,14 +11,14 @@ from fixtures.rigs_on_arms import ARM, CENTRE, GEOMETRY
 from fixtures.streams import motion
 
 import uq_handeye as uq
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
+from uq_handeye.calibration.prediction.noise_of_views import new_noise
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
+from uq_handeye.fit.graph.graph import Graph
 from uq_handeye.model.camera.corners_file import corners_text
 from uq_handeye.model.error_terms.key import Kind
 from uq_handeye.read import write_pose_file
-from uq_handeye.rig.calibrate import calibrate_rig
-from uq_handeye.rig.checks.check import new_noise
-from uq_handeye.rig.files.rig_file import read_rig
-from uq_handeye.rig.graph import Graph
+from uq_handeye.read.rig.rig_file import read_rig
 
 NOISE = '["0.3mrad", "0.1mm"]'
 
@@ -84,11 +84,11 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
     assert again.to_dict() == result.to_dict()
     # new poses without joints get those of the arm
     rig = uq.Rig({"arm": again.rig.arms["arm"].poses}, result.rig.cameras, result.rig.targets, result.rig.views)
-    of = [new_noise(again, one, Graph.of(one)).K_robot for one in (result.rig, again.check(rig) and result.rig)]
+    of = [new_noise(again, one, Graph.of(one)).K_robot for one in (result.rig, uq.check(again, rig) and result.rig)]
     np.testing.assert_allclose(of[0], of[1])
-    assert not again.check(rig).changed
+    assert not uq.check(again, rig).changed
     assert again.predict("left", [0, 0, 0.5], {"arm": rig.arms["arm"].poses[:3]}).points.shape == (3, 1, 3)
-    assert len(again.plan(k=2, sample=20).steps) == 2
+    assert len(uq.plan(again, k=2, sample=20).steps) == 2
 
 
 def test_an_mjcf_model_with_its_tip(tmp_path):

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import logarithm, perturb
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 HAND = ({"left": "arm", "right": "arm"}, {"board": "world"})

@@ -38,9 +38,9 @@ from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
 from ..model.poses.pose_pairs import PosePairs, pairs_of
-from ..rig.description import Rig, require_left_out
-from ..rig.noise import NoiseByName
-from ..rig.single import is_single, single_of
+from ..model.rig.description import Rig, require_left_out
+from ..model.rig.noise_by_name import NoiseByName
+from ..model.rig.single import is_single, single_of
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .by_rotation import by_rotation, without_positions
@@ -65,7 +65,7 @@ from .result import Calibration
 from .split_fit import SplitFit, split_fit, split_of_poses
 
 if TYPE_CHECKING:
-    from ..rig.result import RigCalibration
+    from .rig_result import RigCalibration
 
 
 @overload
@@ -165,8 +165,8 @@ def _calibrate_rig(
     data: Rig, exclude: Any, only: Any, noise: NoiseByName | None = None, shared: Any = None, **asked: Any
 ) -> RigCalibration:
     """See `calibrate`; of a rig of several cameras, targets or arms."""
-    from ..rig.calibrate import OPTIONS, calibrate_rig
-    from ..rig.selection import selected
+    from ..model.rig.selection import selected
+    from .calibrate_rig import OPTIONS, calibrate_rig
 
     defaults = {name: field.default for name, field in Request.__dataclass_fields__.items()}
     others = {name: value for name, value in asked.items() if name not in OPTIONS and np.size(value)}

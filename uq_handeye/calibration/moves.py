@@ -2,7 +2,7 @@
 
 X and W are tested for a step (`likelihood.steps_in_time`) with the noise and the weights of the fit. Where one is no
 chance, or poses in a row are rejected, the poses are taken as a rig of one view (`rig.single`), whose paths say what
-moved, from which pose on, and whether a step explains the residuals (`rig.checks.paths`).
+moved, from which pose on, and whether a step explains the residuals (`fit.diagnostics.paths`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 
 if TYPE_CHECKING:
-    from ..rig.noise import RigNoise
+    from ..fit.graph.noise import RigNoise
 
 # Findings of a camera or target that did not stand still.
 MOVED, DRIFTS = "rig.moved", "rig.drifts"
@@ -85,10 +85,10 @@ def _judged(
     poses: PosePairs, of: Fit, noise: RigNoise, weights: Array, remaining: float | None = None
 ) -> list[Finding]:
     """Return what did not stand still in poses, by their rig with this noise; ``remaining`` as in `judged_paths`."""
-    from ..rig.checks.paths import MAX_REMAINING_SHARE, judged_paths
-    from ..rig.fit import Task, fit
-    from ..rig.graph import Graph
-    from ..rig.single import rig_of_poses
+    from ..fit.diagnostics.paths import MAX_REMAINING_SHARE, judged_paths
+    from ..fit.graph.fit import Task, fit
+    from ..fit.graph.graph import Graph
+    from ..model.rig.single import rig_of_poses
 
     rig = rig_of_poses(poses)
     graph = Graph.of(rig)
@@ -113,7 +113,7 @@ def _with_rows(finding: Finding, rows: NDArray[np.intp]) -> Finding:
 
 def _noise_of(noise: PoseNoise, n: int, order: NDArray[np.intp], factors: Mapping[ErrorKey, float]) -> RigNoise:
     """Noise of the graph: each pose's own, and the columns of the errors that poses share, smaller by ``factors``."""
-    from ..rig.noise import RigNoise
+    from ..fit.graph.noise import RigNoise
 
     robot, camera = (joint_form(S, n) for S in (noise.robot, noise.camera))
     of_robot, of_camera = (

@@ -21,6 +21,9 @@ import numpy as np
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..errors import InputError
+from ..fit.graph.graph import Graph
+from ..fit.graph.noise import RigNoise
+from ..fit.graph.sizes import NUMBERS
 from ..fit.likelihood.open_directions import OpenDirections
 from ..model.error_terms.estimate import ErrorEstimate, resolved_share
 from ..model.error_terms.key import ErrorKey, Kind, Owner
@@ -33,17 +36,14 @@ from ..model.poses.motions import relative_motions
 from ..model.poses.pose_data import sha256_of
 from ..model.poses.residuals import residuals, summarise
 from ..model.posterior.posterior import FreshNoise, Posterior
+from ..model.rig.description import WORLD, Rig
+from ..model.rig.selection import some_of
+from ..model.rig.single import single_of
 from ..model.shared_errors.view import LENS_SHARES, median_distance
-from ..rig.checks.check import new_noise, parts_of, posterior_of
-from ..rig.description import WORLD, Rig
-from ..rig.graph import Graph
-from ..rig.noise import RigNoise
-from ..rig.poses import RigPoses, relative_pose
-from ..rig.selection import some_of
-from ..rig.single import single_of
-from ..rig.sizes import NUMBERS
 from .estimate.analysis import FittedKinematics
 from .estimate.parts import Provenance
+from .estimate.rig_poses import RigPoses, relative_pose
+from .prediction.noise_of_views import new_noise, parts_of, posterior_of
 from .result import Calibration
 
 # Errors of an arm that its kinematics hold with their sizes.

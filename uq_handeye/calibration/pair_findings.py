@@ -20,6 +20,7 @@ from ..core.geometry.se3 import Array, inverse
 from ..core.numbers.limits import MIN_POSES, MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..findings import INPUT, Finding, without_consequences
+from ..fit.graph.sizes import ALL_TARGETS
 from ..fit.input_checks.columns import check_poses
 from ..fit.input_checks.misread_files import INVERSE
 from ..fit.input_checks.pose_ambiguity import flipped_rows
@@ -29,9 +30,8 @@ from ..fit.one_model.request import Request
 from ..model.error_terms.key import ErrorKey, Kind
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.poses.residuals import pose_residuals
-from ..rig.description import WORLD, Rig, View
-from ..rig.poses import RigPoses
-from ..rig.sizes import ALL_TARGETS
+from ..model.rig.description import WORLD, Rig, View
+from .estimate.rig_poses import RigPoses
 from .findings import MAX_REJECTED_SHARE, SUSPICIOUS, look_at, misplaced_rows, reasons
 from .job import job_of
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
-    from ..rig.result import RigCalibration
+    from .rig_result import RigCalibration
     from .statement.tolerance import Verdict
 
 
@@ -452,8 +452,8 @@ class Calibration(Statement):
 
 def load(path: str | Path) -> Calibration | RigCalibration:
     """Read a result file, as `Calibration.save`, `RigCalibration.save` and ``uq-handeye calibrate -o`` write it."""
-    from ..rig.files.result_file import is_rig_result
-    from ..rig.result import RigCalibration
+    from .rig_result import RigCalibration
+    from .rig_result_file import is_rig_result
 
     data = parsed(path)
     kind: type[Calibration] | type[RigCalibration] = RigCalibration if is_rig_result(data) else Calibration

@@ -10,16 +10,16 @@ import numpy as np
 from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding
+from ..fit.diagnostics.paths import pose_change, sizes_of_move
 from ..model.noise.joint_covariance import joint_form
 from ..model.noise.models import PoseNoise
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_pairs import PosePairs
-from ..rig.checks.paths import pose_change, sizes_of_move
-from ..rig.description import WORLD, Rig, later_name
-from ..rig.noise import NoiseByName
-from ..rig.poses import RigPoses
-from ..rig.single import rig_of_poses
-from ..rig.split import split_rig
+from ..model.rig.description import WORLD, Rig, later_name
+from ..model.rig.noise_by_name import NoiseByName
+from ..model.rig.single import rig_of_poses
+from ..model.rig.split import split_rig
+from .estimate.rig_poses import RigPoses
 
 
 class SplitFit(NamedTuple):
@@ -37,7 +37,7 @@ def split_fit(
     ``label``: what the first pose after the move is called; None: by its name in the rig. ``options``: those of
     `calibrate_rig`.
     """
-    from ..rig.calibrate import calibrate_rig
+    from .calibrate_rig import calibrate_rig
 
     by_name = dict(noise) if isinstance(noise, dict) else noise
     first, names = moved, ("", "")

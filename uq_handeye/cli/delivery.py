@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..calibration.result import Calibration
+    from ..calibration.rig_result import RigCalibration
     from ..calibration.statement.tolerance import Tolerance, Verdict
     from ..core.presentation.document import Document
     from ..fit.diagnostics.pose_table import PoseTable
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
     from ..report.comparison.compare import Compared
-    from ..rig.result import RigCalibration
     from ..scene.result import ScenePoses
     from ..trials.validation.cross_check.result import CrossCheck
 
@@ -396,9 +396,9 @@ def _write_result(
     result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: "Mapping[str, Figure]"
 ) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
+    from ..calibration.rig_result import several_of_split
     from ..formats.export import exported, several_exported
     from ..read import write_files
-    from ..rig.result import several_of_split
 
     files: dict[str, str | bytes] = {"result.json": json_of(result, verdict)}
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}

@@ -74,7 +74,7 @@ class NewPoses:
         if camera not in (None, stored.names.camera):
             raise InputError(f"--camera {camera}: {name} has the camera {stored.names.camera!r}. Correct the name.")
         if is_rig_file(files.robot):
-            from ..rig.single import poses_like
+            from ..model.rig.single import poses_like
 
             return poses_like(read_rig_file(files)[0], stored.names)
         if files.setup is None and stored.setup is not None:

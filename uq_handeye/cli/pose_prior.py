@@ -9,7 +9,7 @@ from ..errors import InputError
 from .values import by_names
 
 if TYPE_CHECKING:
-    from ..rig.description import Rig
+    from ..model.rig.description import Rig
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from .messages import given_options
 
 if TYPE_CHECKING:
     from ..model.poses.pose_pairs import PosePairs
+    from ..model.rig.description import Rig
+    from ..model.rig.noise_by_name import NoiseByName
     from ..model.shared_errors.shared_error import SharedError
-    from ..rig.description import Rig
-    from ..rig.noise import NoiseByName
     from .noise import Given
     from .pose_files import PoseFiles
 
@@ -38,7 +38,7 @@ def is_rig_file(file: Path | None) -> bool:
 
 def read_rig_file(files: "PoseFiles") -> "Described":
     """Return the rig of a file and its noise; only options that a rig file leaves open may be given."""
-    from ..rig.files.rig_file import read_rig
+    from ..read.rig.rig_file import read_rig
 
     assert files.robot is not None
     if wrong := [name for name in given_options() if name in _SAID_BY_FILE]:
@@ -50,7 +50,7 @@ def several_cameras(described: "Described | None", cameras: tuple[str, ...]) -> 
     """Return whether a rig has several cameras, targets or arms: all others are poses side by side."""
     if described is None:
         return len(cameras) > 1
-    from ..rig.single import is_single
+    from ..model.rig.single import is_single
 
     return not is_single(described[0])
 
@@ -69,7 +69,7 @@ def poses_of_rig_file(
     described: "Described", given: "Given"
 ) -> "tuple[PosePairs, Any, list[SharedError] | None, dict[str, Any]]":
     """Return poses, noise, shared errors and further arguments of `calibrate` of one camera in a rig file."""
-    from ..rig.single import single_of
+    from ..model.rig.single import single_of
 
     poses, options = single_of(*described)
     shared, noise = given.shared, options.pop("noise", None)

@@ -18,11 +18,11 @@ from .stored import refuse
 from .values import by_names, coordinates, one_of
 
 if TYPE_CHECKING:
+    from ..calibration.rig_result import RigCalibration
     from ..core.files.json_values import JsonObject
     from ..model.noise.models import Noise
-    from ..rig.description import Rig
-    from ..rig.noise import NoiseOfOne
-    from ..rig.result import RigCalibration
+    from ..model.rig.description import Rig
+    from ..model.rig.noise_by_name import NoiseOfOne
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
     from .pose_files import PoseFiles
@@ -61,7 +61,7 @@ def calibrate_rig_files(
     ``described``: rig and noise of a rig file; None: a file for each camera.
     """
     from ..calibration.calibrate import calibrate
-    from ..rig.result import RigCalibration
+    from ..calibration.rig_result import RigCalibration
 
     given, files = data.given, data.files
     _refuse_others()
@@ -114,8 +114,8 @@ def _with_class(rig: "Rig", text: str | None) -> "Rig":
 
 def _of_cameras(data: "Data") -> "tuple[Rig, Noise | Mapping[str, NoiseOfOne] | None]":
     """Return the rig of a file for each camera, and its noise."""
-    from ..rig.files.pose_rows import read_rows, rig_of_files
-    from ..rig.files.sources import arm_poses, joint_rows
+    from ..read.rig.pose_rows import read_rows, rig_of_files
+    from ..read.rig.sources import arm_poses, joint_rows
 
     files, given, cameras, arm = data.files, data.given, data.robot.cameras, data.robot.arm
     setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
@@ -175,7 +175,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     written = ""
     badges = badges_of(verdicts)
     if (output := outputs.output) is not None:
-        from ..rig.page import rig_html
+        from ..report.rig_page import rig_html
 
         html = rig_html(result, about=wishes.about, verdicts=badges, details=wishes.details)
         files: dict[str, str | bytes] = {
@@ -184,7 +184,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
             "report.html": html,
         }
         if outputs.figures:
-            from ..rig.page import rig_sketch
+            from ..report.rig_page import rig_sketch
 
             files["rig.svg"] = rig_sketch(result).svg
         with timed(f"writing {output}"):
@@ -220,9 +220,9 @@ NEW_VIEWS = (
 
 def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     """Return new views of a rig file, or of a file for each camera."""
-    from ..rig.files.pose_rows import read_rows, views_of_files
-    from ..rig.files.rig_file import read_rig
-    from ..rig.files.sources import arm_poses, joint_rows
+    from ..read.rig.pose_rows import read_rows, views_of_files
+    from ..read.rig.rig_file import read_rig
+    from ..read.rig.sources import arm_poses, joint_rows
 
     robot, rig = new.files.robot, stored.rig
     if robot is not None and robot.suffix.lower() == ".toml":
@@ -265,7 +265,7 @@ def predict_into(stored: "RigCalibration", asked: Any, robot: Path | None, as_js
     import numpy as np
 
     from ..read import json_text
-    from ..rig.files.pose_rows import read_rows
+    from ..read.rig.pose_rows import read_rows
 
     refuse("--of", "--into", "--point", "--robot", "--units", "--format")
     camera, point = asked.of, asked.point
@@ -292,7 +292,8 @@ def plan_stored_rig(stored: "RigCalibration", asked: Any, as_json: bool, output:
     import numpy as np
 
     from ..read import pose_text
-    from ..rig.files.pose_rows import read_rows
+    from ..read.rig.pose_rows import read_rows
+    from ..use.planning.next_views import plan_rig
 
     refuse("ROBOT", "--count", "--candidates", "--sample", "--seed")
     arms = list(stored.rig.arms)
@@ -300,7 +301,7 @@ def plan_stored_rig(stored: "RigCalibration", asked: Any, as_json: bool, output:
     if candidates is not None and len(arms) > 1:
         raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
     rows = None if candidates is None else {arms[0]: read_rows(candidates, "robot").poses}
-    found = stored.plan(rows, asked.k, sample=asked.sample, seed=asked.seed)
+    found = plan_rig(stored, rows, asked.k, sample=asked.sample, seed=asked.seed)
     chosen = list(dict.fromkeys(step.candidate for step in found.steps))
     files = {"plan.json": found.to_json()}
     for name, T in found.robot.items():

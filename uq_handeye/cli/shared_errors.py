@@ -12,8 +12,8 @@ from .values import by_names, naming_option, one_of
 if TYPE_CHECKING:
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs
+    from ..model.rig.description import Rig
     from ..model.shared_errors.shared_error import SharedError
-    from ..rig.description import Rig
     from .views import Views
 
 # Values of --shared without a standard deviation, and the errors that it takes one of.

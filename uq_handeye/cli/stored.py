@@ -10,7 +10,7 @@ from .messages import given_options
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..rig.result import RigCalibration
+    from ..calibration.rig_result import RigCalibration
 
 # Options that every command takes with a stored result.
 EVERYWHERE = frozenset(
@@ -92,7 +92,7 @@ def stored_rig(path: Path | None) -> "RigCalibration | None":
     if not _format(path).startswith("uq-handeye rig "):
         return None
     from ..calibration.result import load
-    from ..rig.result import RigCalibration
+    from ..calibration.rig_result import RigCalibration
 
     assert path is not None
     found = load(path)

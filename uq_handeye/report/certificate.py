@@ -14,6 +14,7 @@ from typing import Any, ClassVar, overload
 import numpy as np
 
 from ..calibration.result import Calibration
+from ..calibration.rig_result import RigCalibration
 from ..calibration.statement.accuracy import NOT_USABLE
 from ..calibration.statement.contribution import Contribution
 from ..calibration.statement.tolerance import Tolerance, ToleranceLike, Verdict
@@ -22,7 +23,6 @@ from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.geometry.conventions import CONVENTION
 from ..errors import InputError
-from ..rig.result import RigCalibration
 from .budget import LEVEL, Stated, budget_rows, components_of, worst_of
 from .certificate_form import Form
 from .certificate_sheets import sheets_of

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..calibration.result import Calibration
+from ..calibration.rig_result import RigCalibration
 from ..calibration.statement.tolerance import (
     FAIL,
     MET,
@@ -24,7 +25,6 @@ from ..core.files.json_values import JsonObject
 from ..core.formatting.numbers import digits
 from ..core.numbers.rounding import SOLUTION_ROUNDING
 from ..core.presentation.document import Badge
-from ..rig.result import RigCalibration
 
 RULE = (
     f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "

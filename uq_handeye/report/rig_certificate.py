@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..calibration.estimate.error_of_X import points_of, radius_95
+from ..calibration.rig_result import RigCalibration
 from ..calibration.statement.tolerance import Verdict, percent
 from ..core.files.about import ABOUT
 from ..core.files.json_values import JsonObject
@@ -23,11 +24,10 @@ from ..core.geometry.rotations import Rotation
 from ..core.numbers.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
 from ..model.poses.estimated_pose import EstimatedPose
-from ..rig.page import FRAMES, headline, noise_table, rig_sketch
-from ..rig.result import RigCalibration
 from .budget import LEVEL
 from .certificate_form import Form, refused
 from .decision import RULE, badges_of
+from .rig_page import FRAMES, headline, noise_table, rig_sketch
 from .statements import ERROR_MODEL, VALIDITY
 
 

@@ -14,8 +14,8 @@ from ..stored import refuse, stored_rig
 from .update import names_of
 
 if TYPE_CHECKING:
-    from ...rig.checks.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
+    from ...use.maintenance.check_views import RigCheck
 
 
 @dataclass(frozen=True)

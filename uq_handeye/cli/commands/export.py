@@ -13,7 +13,7 @@ from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
-    from ...rig.result import RigCalibration
+    from ...calibration.rig_result import RigCalibration
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
@@ -63,7 +63,7 @@ def export_command(
         gtsam. Default: toolkit.
     """
     from ...calibration.result import Calibration, load
-    from ...rig.result import RigCalibration
+    from ...calibration.rig_result import RigCalibration
 
     require_writable(file, "FILE")
     if corrects is not None:
@@ -105,8 +105,8 @@ def _write_one(
     convention: str | None,
 ) -> int:
     """Write one camera or target: of the fit before and after a move where there was one."""
+    from ...calibration.one_pose import OnePose
     from ...formats.export import write_export
-    from ...rig.one_pose import OnePose
 
     if camera is not None and target is not None:
         raise InputError("--camera and --target are both given. Remove one of them.")

@@ -24,7 +24,7 @@ from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
-    from ...rig.result import RigCalibration
+    from ...calibration.rig_result import RigCalibration
 
 
 # Suffixes of a certificate.
@@ -61,7 +61,7 @@ def report_command(
         traceability and validity, without the comparison of methods.
     """
     from ...calibration.result import load
-    from ...rig.result import RigCalibration
+    from ...calibration.rig_result import RigCalibration
 
     require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
     stored = load(result)

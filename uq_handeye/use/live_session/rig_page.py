@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...calibration.rig_result import RigCalibration
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import EPS
 from ...core.presentation.colours import AMBER, BLUE, GREEN, ORANGE, PURPLE, SKY, rgb
-from ...rig.description import WORLD
-from ...rig.result import RigCalibration
+from ...model.rig.description import WORLD
 from .browser_page import BrowserPage
 from .markup import panel
 from .nodes import DARK, PALE, Anchor, Colour, Nodes, nice

@@ -13,10 +13,10 @@ import numpy as np
 
 from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
+from ...calibration.rig_result import RigCalibration
 from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
-from ...rig.result import RigCalibration
 from .browser_page import BrowserPage
 from .markup import of_point, panel
 from .question import Answer

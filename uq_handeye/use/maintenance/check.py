@@ -17,6 +17,7 @@ from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.evidence.same_things import ROBOT, THINGS, others_by_pictures
 from ...calibration.prediction.predict import poses_so_far
+from ...calibration.rig_result import RigCalibration
 from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import difference
@@ -27,10 +28,8 @@ from ...findings import Finding
 from ...model.noise.joint_covariance import Index
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from ...rig.checks.check import RigCheck, check_rig
-from ...rig.description import Rig, require_left_out
-from ...rig.result import RigCalibration
-from ...rig.single import poses_like
+from ...model.rig.description import Rig, require_left_out
+from ...model.rig.single import poses_like
 from . import check_text as check_text  # registers the text of a result
 from .causes import (
     CAMERA_MOVED,
@@ -45,6 +44,7 @@ from .causes import (
     later_move,
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
+from .check_views import RigCheck, check_rig
 from .joined_poses import common_poses
 from .misread import misread, scale_finding
 
@@ -72,7 +72,7 @@ def check(  # type: ignore[misc]
     ----------
     result : Calibration or RigCalibration
         With the joint covariance of X and W: of poses, by ``efficient`` or ``ml``. Of several cameras,
-        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.rig.checks.check`).
+        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.use.maintenance.check_views`).
     poses : PosePairs
         One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
         wrong pose, and X from the target.

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...calibration.result import Calibration
+from ...calibration.rig_result import RigCalibration
 from ...core.files.atomic import write_atomically
 from ...core.files.csv_text import csv_text, plain_text
 from ...core.files.locks import held
@@ -30,10 +31,9 @@ from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
-from ...rig.checks.check import RigCheck
-from ...rig.description import Rig
-from ...rig.result import RigCalibration
+from ...model.rig.description import Rig
 from .check_result import ChangeCheck
+from .check_views import RigCheck
 
 NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis in "xyz")
 SHIFT = tuple(f"X_{name}" for name in NUMBERS)

@@ -37,6 +37,7 @@ from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_
 from ...calibration.moves import DRIFTS, MOVED
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
+from ...calibration.rig_result import RigCalibration
 from ...core.files.json_values import Json, JsonObject
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.checks import as_numbers
@@ -49,13 +50,12 @@ from ...model.noise.models import PoseNoise
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows
-from ...rig.calibrate import update_rig
-from ...rig.description import Rig, require_left_out
-from ...rig.result import RigCalibration
-from ...rig.single import poses_like
+from ...model.rig.description import Rig, require_left_out
+from ...model.rig.single import poses_like
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
 from .misread import MISREAD
+from .update_views import update_rig
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"
@@ -80,7 +80,7 @@ def update(  # type: ignore[misc]
     ----------
     result : Calibration or RigCalibration
         It is asked again with its own options: method, noise as given or estimated, shared errors, priors, arm. That of
-        a rig takes a Rig as ``poses`` (`uq_handeye.rig.calibrate`).
+        a rig takes a Rig as ``poses`` (`uq_handeye.calibration.calibrate_rig`).
     poses : PosePairs
         New poses of the same rig, one or more; with corners where those of the result have them: the camera is then
         adjusted with all pictures.

@@ -38,19 +38,19 @@ from numpy.typing import ArrayLike
 from ...calibration.calibrate import calibrate
 from ...calibration.prediction.predict import camera_ahead, poses_so_far, posterior_of
 from ...calibration.result import Calibration
+from ...calibration.rig_result import RigCalibration
 from ...core.geometry.checks import as_transforms
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known, require_type
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
+from ...model.rig.description import require_left_out
 from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
-from ...rig.description import require_left_out
-from ...rig.plan import RigPlan, plan_rig
-from ...rig.result import RigCalibration
 from . import text as text  # registers the text of a plan
 from .by_joints import plan_by_joints, plan_within_reach
 from .by_posterior import Known, PlanRequest, planned
 from .candidates import sample_candidates
+from .next_views import RigPlan, plan_rig
 from .result import Plan
 from .weak_prior import OPEN_SD, WeaklyKnown
 
@@ -58,10 +58,12 @@ GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
 @overload
-def plan(data: RigCalibration, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> RigPlan: ...
+def plan(
+    data: RigCalibration, candidates: Mapping[str, ArrayLike] | None = None, k: int = ..., **options: Any
+) -> RigPlan: ...
 @overload
 def plan(data: PosePairs | Calibration, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> Plan: ...
-def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: Any) -> Any:
+def plan(data: Any, candidates: ArrayLike | Mapping[str, ArrayLike] | None = None, k: int = 5, **asked: Any) -> Any:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
@@ -69,7 +71,7 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
     data : PosePairs
         The poses so far, at least 3, without batch axes. They need not determine X yet. Or a result, whose posterior is
         planned from: of one camera, also one of a rig (`of_camera`); or of a rig, of which the views to take next are
-        planned, and by which camera (`uq_handeye.rig.plan`).
+        planned, and by which camera (`uq_handeye.use.planning.next_views`).
     candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
         Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
         or inside the joint limits by `sample_joints`.
@@ -124,15 +126,16 @@ def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: An
         of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
         require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
         return plan_rig(data, cast("Mapping[str, ArrayLike] | None", candidates), k, **of_rig)
+    of_robot = cast("ArrayLike | None", candidates)
     if isinstance(data, Calibration):
-        return _plan_of_result(data, PlanRequest(candidates, k, **asked))
+        return _plan_of_result(data, PlanRequest(of_robot, k, **asked))
     require_type("data", data, PosePairs, "PosePairs")
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
-    request = PlanRequest(candidates, k, **asked).of(data)
+    request = PlanRequest(of_robot, k, **asked).of(data)
     if request.kinematics is not None:
         return plan_by_joints(data, request.kinematics, request)
     return plan_from(_so_far(data, request), request)

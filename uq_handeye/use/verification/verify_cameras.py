@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import chdtrc
 
+from ...calibration.rig_result import RigCalibration
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.rotations import Rotation
@@ -21,7 +22,6 @@ from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, 
 from ...core.presentation.shown import Shown
 from ...errors import InputError
 from ...read.camera_poses import CameraPoses
-from ...rig.result import RigCalibration
 
 # Difference of the lengths from which on the unit of the other program is doubted.
 MAX_SCALE_DIFFERENCE = 0.02

@@ -1,0 +1,135 @@
+"""The result of a rig calibration: all its poses with their joint covariance, and the operations on them.
+
+`RigCalibration` adds to the poses its text and file, the report, exports, and the check, prediction and plan with new
+views.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.files.json_files import json_text, parsed, require_signed, signed_text
+from ..core.files.open import StrPath
+from ..core.formatting.numbers import probability
+from ..errors import InputError
+from ..formats.export import Several, write_several
+from ..formats.snippets import OPEN_SD_M, Transform, with_open
+from ..model.poses.estimated_pose import EstimatedPose
+from ..model.rig.description import WORLD
+from .estimate.rig_poses import RigPoses
+from .prediction.points_of_cameras import RigPoints, predict_points
+from .rig_result_file import from_dict, to_dict
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration(RigPoses):
+    """All poses of a rig with their joint covariance, and operations on them; attributes as `RigPoses`."""
+
+    def text(self) -> str:
+        """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
+        short = {str(one): f"{one.phrase}." for one in self.findings}
+        lines = [f"NOT USABLE: {short.get(reason, reason)}" for reason in self.reasons]
+        lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
+        for one in self.split or self.every:  # where a pose moved, those of all views together are neither
+            turn, shift = one.sizes
+            at = ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3])
+            said = [f"{np.degrees(turn):.4f} deg" if np.isfinite(turn) else "open",
+                    f"{1e3 * shift:.3f} mm" if np.isfinite(shift) else "open"]  # fmt: skip
+            lines.append(f"{one.frame:<28} {at:<34} {said[0]:>11} {said[1]:>11} {one.count or '':>6}")
+        lines.append(
+            f"Errors are root mean squares of their length. Chi-square {self.chi_square:.0f} of {self.dof:.0f}."
+        )
+        if len(self.open):
+            names = ", ".join(one.name for one in self.singles if len(one.open))
+            count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
+            lines.append(f"Not determined: {count}, of {names}. The robot poses turn about too few axes.")
+        if self.paths:
+            least = min(self.paths, key=lambda path: path.p)
+            lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
+        lines.append(self.optimality.words)
+        lines += self.warnings
+        return "\n".join([*lines, *self.rejected_words])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts: poses by name, relative poses, and all that `from_dict` reads; see `files`."""
+        return to_dict(self, tuple(part.name for part in fields(self)))
+
+    def save(self, path: StrPath) -> None:
+        """Write `to_dict` as JSON, which `uq_handeye.load` reads back bit by bit."""
+        signed_text(self.to_dict(), path)
+
+    def export(self, path: StrPath, format: str | None = None) -> Path:
+        """Write all poses and relative poses for another program; see `uq_handeye.formats.export`.
+
+        ``format``: json, ros, launch, urdf, opencv, toml or npz; None: by the suffix.
+        """
+        return write_several(several_of(self), path, format)
+
+    def report(self, path: StrPath, **options: Any) -> Path:
+        """Write the report, .html or .pdf; options as `uq_handeye.report.rig_page.write_rig_report` takes them."""
+        from ..report.rig_page import write_rig_report
+
+        return write_rig_report(self, Path(path), **options)
+
+    # ------------------------------------------------------------------------------------------- in use
+
+    def predict(
+        self, camera: str, points: ArrayLike, robot: Mapping[str, ArrayLike] | None = None, into: str = WORLD
+    ) -> RigPoints:
+        """Predict the position of points that a camera sees; see `uq_handeye.use.planning.next_views`."""
+        return predict_points(self, camera, points, robot, into)
+
+    @classmethod
+    def from_dict(cls, data: Any) -> RigCalibration:
+        """Read the values that `to_dict` writes; raises `InputError` on any others."""
+        return from_dict(cls, data)
+
+    @classmethod
+    def from_json(cls, path: StrPath, data: Any = None) -> RigCalibration:
+        """Read the file that `save` writes; ``data``: its content, if it has been parsed."""
+        try:
+            data = parsed(path) if data is None else data
+            found = cls.from_dict(data)
+            require_signed(data)
+            return found
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    def __repr__(self) -> str:
+        return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"
+
+
+def several_of(result: RigPoses) -> Several:
+    """Return the poses of cameras, targets and bases, and the relative poses, of a `RigCalibration`."""
+    comments = []
+    if opened := [one.frame for one in result.every if len(one.open)]:
+        comments = [
+            f"Open, not determined by the motions in all directions: {', '.join(opened)}.",
+            f"Along open directions the covariance has a standard deviation of {OPEN_SD_M:g} m (angles: times "
+            f"{result.lever:.3g} m), which stands for infinity.",
+        ]
+    first = next(iter(result.rig.arms))
+    if len(result.rig.arms) > 1:
+        comments.append(f"The world is the base of the arm {first}.")
+    return Several(
+        [_transform(one) for one in result.singles], [_transform(one) for one in result.pairs], comments,
+        signed_text(result.to_dict()),
+    )  # fmt: skip
+
+
+def several_of_split(split: Sequence[EstimatedPose]) -> Several:
+    """Return poses of the fit in which what moved is two."""
+    comments = ["The fit with what moved as two: before the move, and from the robot pose after @ on."]
+    return Several([_transform(one) for one in split], [], comments, json_text([one.to_dict() for one in split]))
+
+
+def _transform(one: EstimatedPose) -> Transform:
+    parent, _, child = (re.sub(r"[^A-Za-z0-9_]", "_", part) for part in one.frame.partition("_T_"))
+    return Transform(one.pose + 0.0, with_open(one.covariance, one.open), parent, child)

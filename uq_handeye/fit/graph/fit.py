@@ -1,0 +1,406 @@
+r"""Maximum likelihood fit of all poses of a graph, with their joint covariance (T18).
+
+The steps are those of Gauss-Helmert, as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
+
+    S_k = D_R Sigma_R D_R^T + blkdiag_e(D_C Sigma_C D_C^T),      A = [J, D K],      H = sum_k A^T S^-1 A + P_0
+    (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) - K z,      rho = r + D v
+
+x errors of the unknown poses, z those that poses share (prior N(0, 1)); ``P_0`` the prior of both. ``H^-1`` is the
+joint covariance. `efficient` takes two steps, and further ones while the last one moved a pose by a tenth of its
+standard deviation; `ml` iterates until it converges.
+
+A robust weight w divides the covariance of a camera pose's own noise, or of a robot pose's, never a row of S. In a
+group of one edge both are the same, and one weight divides both.
+
+Directions that the data do not determine are those whose information arises from noise of the measured poses in J alone
+(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / MAX_ROTATION_SD_RAD^2``, N summed over
+columns of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
+from ...core.numbers.rounding import FIT_ROUNDING
+from ...errors import DegenerateMotionError, NotConvergedError
+from ...model.noise.cholesky import checked_cholesky
+from ...model.noise.models import factor
+from ...model.noise.square_roots import LEAST_WEIGHT
+from ...model.rig.description import Rig
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
+from ..likelihood.open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
+from ..one_model.request import Request
+from .graph import Batch, Graph, Sides, noise_of_cameras, noise_of_robots
+from .noise import RigNoise
+
+# `efficient` goes on while a step moves a pose by more of its standard deviations.
+MAX_STEP_SD = 0.1
+# All directions are determined where the smallest eigenvalue of the information, scaled to a unit diagonal, is
+# above this.
+MIN_CLEAR_EIGENVALUE = 0.01
+# This weight replaces a robust weight of 0: a smaller one would lose the digits of the other rows of a group.
+MIN_POSE_WEIGHT = 1e-6
+
+
+Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
+Shared = bool | Collection[str]
+
+
+class Task(NamedTuple):
+    """A rig to be estimated, with the options; ``shared``: see `sizes.components_of`."""
+
+    rig: Rig
+    graph: Graph
+    prior: Prior
+    request: Request
+    shared: Shared
+
+    @classmethod
+    def of(cls, rig: Rig, request: Request, shared: Shared) -> Task:
+        """Number the poses, views and unknowns of a rig."""
+        graph = Graph.of(rig)
+        known = {graph.names.index(name): (of.X, of.information_X) for name, of in (rig.known or {}).items()}
+        return cls(rig, graph, known, request, shared)
+
+    @property
+    def method(self) -> str:
+        """``efficient`` or ``ml``."""
+        return self.request.taken_method
+
+    @property
+    def robust(self) -> bool:
+        """True if views and robot poses that contradict the others are down-weighted."""
+        return self.request.robust is not False
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """Rows of one batch: their residuals and derivatives, and the whitened rows."""
+
+    batch: Batch
+    L: Array  # (b, d, d) with S = L L^T, weights in it
+    half: Array  # (b, d, d) L^-1
+    D_R: Array  # (b, d, 6q)
+    D_C: Array  # (b, e, 6, 6)
+    A: Array  # (b, d, p + m)
+    residual: Array  # (b, d) rho, and after the fit what is left of it
+
+    @property
+    def white(self) -> Array:
+        """``L^-1`` of A and of the residual (b, d, p + m + 1)."""
+        return np.asarray(self.half @ np.concatenate([self.A, self.residual[..., None]], axis=-1))
+
+    @property
+    def pull(self) -> Array:
+        """``S^-1 residual`` (b, d)."""
+        return np.asarray(self.half.mT @ (self.half @ self.residual[..., None]))[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """Estimate of all poses, with the quantities that tests and weights need."""
+
+    graph: Graph
+    noise: RigNoise
+    at: Array  # (m, 4, 4)
+    whole: Array  # (p + m, p + m) joint covariance of poses and shared errors, 0 along open directions
+    z: Array  # (m,) shared errors
+    open: Array  # (k, p) basis of open directions, orthonormal in units of the rig
+    lever: float
+    sides: Sides  # where the last step was taken
+    rows: tuple[White, ...]
+    edge_weights: Array  # (E,)
+    pose_weights: Array  # (P,)
+    iterations: int
+    converged: bool
+    prior_square: float = 0.0
+    prior_rank: int = 0
+    clear: float = (
+        MIN_CLEAR_EIGENVALUE  # scaled eigenvalue of the information above which nothing is open, as was seen here
+    )
+    v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
+
+    @property
+    def without_rows(self) -> RigFit:
+        """The fit to go on from: without its rows, most of its memory."""
+        return replace(self, rows=())
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the unknown poses."""
+        return self.whole[: self.graph.p, : self.graph.p]
+
+    @property
+    def view_weights(self) -> Array:
+        """(E,) weights of the views, or of their robot poses where these are smaller."""
+        of_poses = np.append(self.pose_weights, 1.0)
+        left, right = self.graph.side
+        return np.asarray(np.minimum(self.edge_weights, np.minimum(of_poses[left], of_poses[right])))
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Square of the residuals over their covariance, with the priors."""
+        squares = sum(float((part.pull * part.residual).sum()) for part in self.rows)
+        return squares + float(self.z @ self.z) + self.prior_square
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of `chi_square`: the rows that count minus the determined unknowns."""
+        counted = int((self.edge_weights > 0).sum())
+        return 6 * counted - (self.graph.p - len(self.open)) + self.prior_rank
+
+
+def fit(
+    graph: Graph,
+    noise: RigNoise,
+    start: Array,
+    method: str = "efficient",
+    edge_weights: Array | None = None,
+    pose_weights: Array | None = None,
+    prior: Prior | None = None,
+    after: RigFit | None = None,
+) -> RigFit:
+    """Estimate all poses from ``start`` (m, 4, 4); ``after``: a fit near by to go on from, with other weights.
+
+    Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
+    """
+    w_e = np.ones(graph.E) if edge_weights is None else edge_weights
+    w_k = np.ones(graph.P) if pose_weights is None else pose_weights
+    at, robot, C = start, graph.robot, graph.C
+    v, clear = (None, MIN_CLEAR_EIGENVALUE) if after is None else (after.v, after.clear)
+    if v is not None:
+        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
+    lever, closed = lever_of(graph, start), False
+    for done in range(1, MAX_ML_STEPS + 1):
+        sides = graph.linearise(at, robot, C)
+        if v is not None and method == "ml":
+            sides = _by_own_errors(sides, graph, v)
+        rows = [whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
+        H, pull = _normal_equations(graph, noise, rows)
+        known = prior_at(graph, at, prior)
+        H[: graph.p, : graph.p] += known.information
+        pull[: graph.p] += known.gradient
+        opened = None if closed else partial(_open, graph, noise, sides, at, known.information, lever)
+        whole, open_, smallest = _inverse(graph, H, opened, lever, clear)
+        closed = not len(open_)
+        if closed:
+            clear = min(clear, 0.5 * smallest)
+        step = -whole @ pull
+        x, z = step[: graph.p], step[graph.p :]
+        rows = [_after(part, step) for part in rows]
+        moved = float(x @ _information_of(H, graph.p) @ x)
+        at = perturb(at, x.reshape(-1, 6))
+        each = np.sqrt(np.maximum(np.diag(whole)[: graph.p], 1e-300))
+        still = float((np.abs(x) / each)[np.diag(whole)[: graph.p] > 0].max(initial=0.0))
+        v = _errors(graph, noise, rows, z, w_e, w_k)
+        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
+        if method == "ml":
+            longest = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (graph.robot, graph.C, at))
+            last = STEP_ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
+            converged = moved < max(STEP_SD**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
+        else:
+            converged = done >= CLOSED_FORM_STEPS and still < MAX_STEP_SD
+        if converged:
+            break
+    known = prior_at(graph, at, prior)
+    found = RigFit(
+        graph, noise, at, whole, z, open_, lever, sides, tuple(rows), w_e, w_k, done, converged, known.square,
+        known.rank, clear, v,
+    )  # fmt: skip
+    if not converged and method == "ml":
+        raise NotConvergedError(
+            f"Method 'ml' did not converge within {done} iterations: the residuals are too large for the noise given, "
+            "or the motions hardly determine the poses. Look at the residuals, and at the noise.",
+            found,
+        )
+    return found
+
+
+def lever_of(graph: Graph, at: Array) -> float:
+    """The length that makes an angle a length: root mean square distance of the targets from the cameras (m)."""
+    return float(np.sqrt((graph.C[:, :3, 3] ** 2).sum(axis=-1).mean())) or 1.0
+
+
+def rig_units(graph: Graph, lever: float) -> Array:
+    """(p,) units that make errors lengths."""
+    return np.tile(np.repeat([lever, 1.0], 3), graph.m)
+
+
+def onto_closed(opened: Array, units: Array) -> Array:
+    """(p, p) projection along open directions (k, p), which are orthonormal in the units (p,)."""
+    U = opened * units
+    return np.asarray((np.eye(len(units)) - U.T @ U) * units / units[:, None])
+
+
+def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k: Array) -> tuple[Array, Array]:
+    """(b, q, 6, 6) of robot poses and (b, e, 6, 6) of camera poses, divided by their weights."""
+    e = batch.edges.shape[1]
+    of_edge = 1.0 / np.maximum(w_e[batch.edges], MIN_POSE_WEIGHT if e > 1 else LEAST_WEIGHT)
+    of_pose = 1.0 / np.maximum(w_k[batch.robots], MIN_POSE_WEIGHT)
+    if e == 1:
+        of_pose = of_pose * of_edge
+    return noise.robot[batch.robots] * of_pose[..., None, None], noise.camera[batch.edges] * of_edge[..., None, None]
+
+
+def whitened(
+    graph: Graph, batch: Batch, sides: Sides, noise: RigNoise, w_e: Array, w_k: Array, v: tuple[Array, Array] | None
+) -> White:
+    """Rows of a batch at the unknowns and corrected poses that ``sides`` are of; ``v``: their corrections."""
+    (b, e), q, m = batch.edges.shape, batch.robots.shape[1], noise.count
+    D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
+    S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
+    S = noise_of_robots(D_R, S_R) + noise_of_cameras(D_C, S_C)
+    L = checked_cholesky(S)
+    A = np.empty((b, 6 * e, graph.p + m))
+    A[..., : graph.p] = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
+    rho = sides.r[batch.edges]
+    if m:
+        K = (D_C @ noise.K_camera[batch.edges]).reshape(b, 6 * e, m)
+        A[..., graph.p :] = K + D_R @ noise.K_robot[batch.robots].reshape(b, 6 * q, m)
+    if v is not None:
+        rho = rho + (D_C @ v[1][batch.edges][..., None])[..., 0]
+    rho = rho.reshape(b, 6 * e)
+    if v is not None:
+        rho = rho + (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
+    half = np.asarray(np.linalg.inv(L), dtype=float)
+    return White(batch, L, half, D_R, D_C, A, rho)
+
+
+def _after(part: White, step: Array) -> White:
+    return replace(part, residual=part.residual + part.A @ step)
+
+
+def _normal_equations(graph: Graph, noise: RigNoise, rows: list[White]) -> tuple[Array, Array]:
+    size = graph.p + noise.count
+    gram = np.zeros((size + 1, size + 1))
+    for part in rows:
+        flat = part.white.reshape(-1, size + 1)
+        gram += flat.T @ flat
+    H, pull = gram[:-1, :-1], gram[:-1, -1]
+    np.einsum("ii->i", H)[graph.p :] += 1.0
+    return H, pull
+
+
+class Known(NamedTuple):
+    """Normal equations of the poses that are known beforehand."""
+
+    information: Array  # (p, p)
+    gradient: Array  # (p,)
+    square: float
+    rank: int
+
+
+def prior_at(graph: Graph, at: Array, prior: Prior | None) -> Known:
+    """Return the normal equations of known poses at the unknowns."""
+    information, gradient, square, rank = np.zeros((graph.p, graph.p)), np.zeros(graph.p), 0.0, 0
+    for u, (mean, known) in (prior or {}).items():
+        xi = np.concatenate([logarithm(at[u, :3, :3] @ mean[:3, :3].T), at[u, :3, 3] - mean[:3, 3]])
+        K = np.eye(6)
+        K[:3, :3] = np.linalg.inv(left_jacobian(xi[:3]))
+        place = slice(6 * u, 6 * u + 6)
+        information[place, place] = K.T @ known @ K
+        gradient[place] = K.T @ known @ xi
+        square += float(xi @ known @ xi)
+        rank += int(np.linalg.matrix_rank(known, hermitian=True))
+    return Known(information, gradient, square, rank)
+
+
+def _information_of(H: Array, p: int) -> Array:
+    """(p, p) of the poses, with the shared errors eliminated."""
+    if len(H) == p:
+        return H
+    return np.asarray(H[:p, :p] - H[:p, p:] @ np.linalg.solve(H[p:, p:], H[p:, :p]))
+
+
+def _inverse(
+    graph: Graph, H: Array, opened: Callable[[], Array | None] | None, lever: float, clear: float
+) -> tuple[Array, Array, float]:
+    """Return the joint covariance, 0 along the open directions, a basis of these, and the smallest scaled eigenvalue.
+
+    ``opened`` finds them (`_open`); None: nothing is open.
+    """
+    p = graph.p
+    diagonal = np.maximum(np.diag(H), 1e-300 + 1e-24 * float(np.diag(H).max()))
+    unit = 1.0 / np.sqrt(diagonal)
+    smallest = float(np.linalg.eigvalsh(_information_of(H, p) * np.outer(unit[:p], unit[:p]))[0])
+    if opened is None or smallest > clear or (U := opened()) is None:
+        factored = cho_factor(H * np.outer(unit, unit))
+        return np.asarray(cho_solve(factored, np.diag(unit)) * unit[:, None]), np.zeros((0, p)), smallest
+    rig = rig_units(graph, lever)
+    if len(U) == p:
+        raise DegenerateMotionError("The data determine nothing: the robot did not move.", np.eye(6))
+    closed = np.linalg.qr((U * rig).T, mode="complete")[0][:, len(U) :] / rig[:, None]
+    Q = np.zeros((len(H), closed.shape[1] + len(H) - p))
+    Q[:p, : closed.shape[1]], Q[p:, closed.shape[1] :] = closed, np.eye(len(H) - p)
+    inner = Q.T @ H @ Q
+    scale = 1.0 / np.sqrt(np.diag(inner))
+    half = Q * scale
+    return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U, 0.0
+
+
+def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, lever: float) -> Array | None:
+    """(k, p) basis of the directions that noise of the measured poses alone would make known, or None.
+
+    ``known`` (p, p): information of the prior.
+    """
+    S = np.zeros((graph.E, 6, 6))
+    for D, side in zip(sides.robot, graph.side, strict=True):
+        has = side < graph.P
+        S[has] += D[has] @ noise.robot[side[has]] @ D[has].mT
+    S += sides.camera @ noise.camera @ sides.camera.mT
+    variances = np.einsum("nii->ni", S).reshape(-1, 2, 3).mean(axis=-1)
+    weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)
+    I_0 = graph.gram(sides, weights)
+    N = np.zeros_like(I_0)
+    roots = factor(noise.robot), factor(noise.camera)
+    for s, poses in enumerate((graph.robot, graph.C)):
+        for a in range(6):
+            # errors of both signs, whose mean change is exact to second order
+            moves = (perturb(poses, sign * roots[s][..., a]) for sign in (1.0, -1.0))
+            one, other = (graph.linearise(at, *((T, None) if s == 0 else (None, T))) for T in moves)
+            N += graph.gram(one.half_less(other), weights)
+    weak = N + np.diag(FIT_ROUNDING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
+    turns = np.arange(graph.p) % 6 < 3
+    weak[turns, turns] += 1.0 / (SIGNAL_RATIO * MAX_ROTATION_SD_RAD**2)
+    rough = I_0 + known
+    unit = 1.0 / np.sqrt(np.diag(rough + weak))
+    scale = np.outer(unit, unit)
+    root = np.linalg.cholesky((rough + weak) * scale)
+    share, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, weak * scale).T))
+    found = share > 1.0 / (1.0 + SIGNAL_RATIO)
+    if not found.any():
+        return None
+    rig = rig_units(graph, lever)
+    directions = unit[:, None] * np.linalg.solve(root.T, vectors[:, found])
+    return np.asarray(np.linalg.qr(rig[:, None] * directions)[0].T / rig)
+
+
+def _errors(graph: Graph, noise: RigNoise, rows: list[White], z: Array, w_e: Array, w_k: Array) -> tuple[Array, Array]:
+    """Errors v of robot poses (P, 6) and camera poses (E, 6), shared ones in them."""
+    v_R, v_C = -(noise.K_robot @ z), -(noise.K_camera @ z)  # z is their correction, as x that of the poses
+    for part in rows:
+        batch, g = part.batch, part.pull
+        S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
+        (b, e), q = batch.edges.shape, batch.robots.shape[1]
+        by_pose = (part.D_R.mT @ g[..., None]).reshape(b, q, 6, 1)
+        v_R[batch.robots] += (S_R @ by_pose)[..., 0]
+        v_C[batch.edges] += (S_C @ (part.D_C.mT @ g.reshape(b, e, 6, 1)))[..., 0]
+    return v_R, v_C
+
+
+def _by_own_errors(sides: Sides, graph: Graph, v: tuple[Array, Array]) -> Sides:
+    """Derivatives by the errors v themselves, as `gauss_helmert` has them."""
+    turn = np.concatenate([left_jacobian(-v[0][:, :3]), np.eye(3)[None]])
+
+    def turned(D: Array, J: Array) -> Array:
+        return np.concatenate([D[..., :3] @ J, D[..., 3:]], axis=-1)
+
+    first, second = (turned(D, turn[side]) for D, side in zip(sides.robot, graph.side, strict=True))
+    return sides._replace(robot=(first, second), camera=turned(sides.camera, left_jacobian(-v[1][:, :3])))

@@ -1,0 +1,3 @@
+"""Observations of rigs with several cameras, targets and arms: who carries what, and who sees what."""
+
+from . import sentences as sentences

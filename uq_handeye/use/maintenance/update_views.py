@@ -1,0 +1,77 @@
+"""Update of the result of a rig: the old and the new views calibrated together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from ...calibration.calibrate_rig import OPTIONS, calibrate_rig
+from ...calibration.evidence.new_views import like
+from ...calibration.rig_result import RigCalibration
+from ...core.numbers.levels import CONTRADICTED
+from ...errors import InputError, NotConvergedError
+from ...fit.one_model.declared import request_from_dict
+from ...model.rig.description import Rig
+from ...model.shared_errors.assumed import replace_defaults
+from ...model.shared_errors.shared_error import SharedError
+from .check_views import check_rig
+
+
+def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
+    """Calibrate the old and the new views together.
+
+    Parameters
+    ----------
+    result : RigCalibration
+    rig : Rig
+        New robot poses and views. Poses that the result has too must be the same; their names must else be new.
+    although_changed : bool
+        Update even if the new views contradict the result.
+
+    Raises
+    ------
+    InputError
+        New views that contradict the result, that it already has, or of cameras or targets that the rig does not have.
+    """
+    new = like(result, rig)
+    have = {(view.camera, view.target, moment) for view in result.rig.views for moment in view.at or ()}
+    for view in new.views:
+        if again := [moment for moment in view.at or () if (view.camera, view.target, moment) in have]:
+            raise InputError(
+                f"{view.words} has the view of {view.target} by {view.camera} at robot pose {again[0]!s}, which the "
+                "calibration has already. Remove it, or rename the pose."
+            )
+    if not although_changed:
+        found = check_rig(result, rig, level=CONTRADICTED.probability)
+        if found.changed:
+            error = InputError(
+                f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."
+            )
+            with suppress(InputError, NotConvergedError):
+                after = _calibrated_with(result, new).findings
+                error.findings = tuple(one for one in after if one.severity == "failure" and one.explains)
+            raise error
+    return _calibrated_with(result, new)
+
+
+def _calibrated_with(result: RigCalibration, new: Rig) -> RigCalibration:
+    """Return the calibration of the old and the new views, with the options of the result."""
+    if result.provenance is None:
+        raise InputError("Expected a result that says how it was calibrated. Calibrate again.")
+    plain = result.provenance["request"]
+    noise, request = plain["noise"], request_from_dict(plain)
+    if noise is not None:
+        noise = {name: np.array(of) if np.ndim(of) > 1 else of for name, of in noise.items()}
+    asked = {name: getattr(request, name) for name in OPTIONS}
+    shared = plain["shared"] if request.shared is None else _declared_again(plain["shared"], request.shared)
+    return calibrate_rig(result.rig.joined(new), noise, shared=shared, **asked)
+
+
+def _declared_again(kinds: Any, errors: Sequence[SharedError]) -> list[SharedError]:
+    """Return errors that were declared with those switched off that were left out."""
+    off = [] if kinds is True else [error for error in replace_defaults((), False, False)
+                                    if error.key.kind not in (kinds or ())]  # fmt: skip
+    return [*errors, *(error for error in off if error.key not in {one.key for one in errors})]
