@@ -27,7 +27,6 @@ from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
 from .certificate import make_certificate
 from .comparison.compare import Compared, compare_result
 from .comparison.result import Comparison
-from .editing import edited
 from .figures import pictures, require_same_problem, small_pictures
 from .sections import folded_sections
 from .sheets import caution_points, first_sheet, second_sheet, split_cautions
@@ -136,7 +135,6 @@ def report_html(
         sections.append(Section("further", "Further cautions", [caution_points(further)], folded=True))
     if folded:
         sections += folded_sections(result, drawings, found, cross_check, date)
-    *sheets, sections = edited([*sheets, sections])
     facts = [
         result.setup or "motions without poses",
         data_words(result),
@@ -169,6 +167,3 @@ def title_fields(result: Calibration) -> list[tuple[str, str]]:
     """Return the names and texts of the title block; those without text are room to write on paper."""
     shown = [key for key in ABOUT if key not in OF_CERTIFICATE and (key != "note" or key in result.about)]
     return [(ABOUT[key], result.about.get(key, "")) for key in shown]
-
-
-# ------------------------------------------------------------------------------------------------------- page two

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._version import __version__
-from ..calibration.report.analysis import covariance_table, tests_not_run
+from ..calibration.report.analysis import covariance_table, not_shown_yet, tests_not_run
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.budget import KINDS, budget_table
 from ..calibration.report.first_screen import status_of
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from ..calibration.statement.tolerance import Verdict
     from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.compare import Compared
-    from .comparison.result import Comparison
 
 _NOT_CONTAINED = "The numbers do not contain:"
 NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
@@ -105,7 +104,8 @@ def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[S
     sentences = arm_sentences(result)
     if not sentences:
         return []
-    beside_joints = [str(found) for found in result.findings if found.code == "kinematics.against_controller"]
+    of_joints = (one for one in result.findings if one.code == "kinematics.against_controller")
+    beside_joints = [str(one) for one in of_joints if one not in result.cautions]
     return [folded("arm", "The arm", *map(Paragraph, [*sentences, *beside_joints]), drawings.get("workspace"))]
 
 
@@ -164,7 +164,7 @@ def forms_section(result: Calibration) -> Section:
 def scope_section(result: Calibration) -> Section:
     """Section on the meaning of the numbers, and the errors that they do not contain."""
     facts = result.facts
-    meaning = f"All standard deviations are 1 sigma, to first order, of {facts.source}. {included_words(result)}"
+    meaning = f"All standard deviations are 1 sigma, to first order, of {facts.source}."
     known = [] if result.std is None else [Paragraph(meaning), Paragraph(facts.ellipsoid)]
     missing: Sequence[str] = (
         f"Systematic errors: {', '.join(not_included(result))}. All poses share them, they do not average out, and "
@@ -195,7 +195,11 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
         blocks.append(drawings["residuals"])
         if not table.flagged:
             blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table.counted):,} stands out."))
-        blocks += [Paragraph(str(one)) for one in result.findings if one.code == "calibration.excluded"]
+        blocks += [
+            Paragraph(str(one))
+            for one in result.findings
+            if one.code == "calibration.excluded" and one not in result.cautions
+        ]
         order = np.argsort(-table.distance2, kind="stable").tolist()
         if len(table) <= MAX_PRINTED_ROWS:
             shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
@@ -233,17 +237,8 @@ def methods_section(found: Compared, drawing: Drawing | None) -> Section:
         return folded("methods", title, found.reason)
     text = f"{comparison.verdict} All on the same {comparison.origin}.{found.note}"
     text += " Methods that agree may be wrong together."
-    more = Points(_gathered(comparison)) if comparison.own_warnings else None
+    more = Points(comparison.own_warnings) if comparison.own_warnings else None
     return folded("methods", title, Paragraph(text), drawing, methods_table(comparison), more)
-
-
-def _gathered(comparison: Comparison) -> list[str]:
-    """The warnings of single methods; those of several methods are listed once."""
-    said: dict[str, list[str]] = {}
-    for line in comparison.own_warnings:
-        method, _, text = line.partition(": ")  # or methods with the same warning
-        said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
-    return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
 
 
 def observability_section(result: Calibration) -> Section:
@@ -270,7 +265,8 @@ def observability_section(result: Calibration) -> Section:
         ["direction", "1 sigma", "unit vector"],
         rows,
     )
-    return folded("observability", title, table, Points.of_findings(found.findings), *skipped)
+    said = [one for one in not_shown_yet(result, found.findings) if one not in found.not_run]
+    return folded("observability", title, table, *([Points.of_findings(said)] if said else []), *skipped)
 
 
 def _of_noise_alone(result: Calibration) -> str:
@@ -300,8 +296,9 @@ def covariances_section(result: Calibration) -> Section:
     analysis, table = result.analysis, covariance_table(result)
     if analysis is None or table is None:
         return folded("covariances", title, needs("Other covariances and tests of two halves are computed", result))
-    halves = (analysis.split_half.finding, analysis.split_in_time.finding)
-    return folded("covariances", title, table, Points.of_findings(halves))
+    run = [half.finding for half in (analysis.split_half, analysis.split_in_time) if half.possible]
+    said = not_shown_yet(result, run)
+    return folded("covariances", title, table, *([Points.of_findings(said)] if said else []))
 
 
 def camera_sections(result: Calibration) -> list[Section]:

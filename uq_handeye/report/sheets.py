@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..calibration.moves import MOVED
 from ..calibration.report.budget import budget_table
 from ..calibration.report.first_screen import advice, split_blocks
 from ..calibration.result import Calibration
@@ -68,8 +67,7 @@ def _further_reasons(result: Calibration) -> list[str]:
 
 def _before_and_after(result: Calibration) -> Section:
     """Return X, or the target, before and after a move: X of all poses together is neither."""
-    said = [Paragraph(str(one)) for one in result.findings if one.code == MOVED]
-    return Section("x", "X before and after the move", [*said, *split_blocks(result)])
+    return Section("x", "X before and after the move", split_blocks(result))
 
 
 def _contents_of(accuracy: Accuracy | None) -> list[Block]:

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from ..calibration.report.first_screen import title_of
+from ..calibration.report.first_screen import file_words, fit_words
 from ..calibration.result import Calibration
 from ..calibration.statement.checks import shared_groups, sizes_of
 from ..calibration.statement.tolerance import percent
@@ -30,6 +30,8 @@ ERROR_MODEL = (
     "The error is xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau, both in the parent frame of X (rotation "
     "vector in rad, translation in m)."
 )
+# Characters of the names of files in the conditions.
+MAX_FILE_CHARACTERS = 70
 # Statements that every certificate makes, whatever its numbers.
 STANDING = (
     "Computed by software from the recorded poses, with the inputs declared by the user. It is not a calibration "
@@ -56,7 +58,8 @@ def measurand_of(result: Calibration) -> str:
 
 def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     """Return the recorded conditions of the measurement as names and texts."""
-    rows = [("Data", title_of(result, 120).partition(" from ")[2] or title_of(result, 120))]
+    files = file_words(result, MAX_FILE_CHARACTERS)
+    rows = [("Data", f"{files}: {fit_words(result)}" if files else fit_words(result))]
     if result.table is not None:
         rejected = len(result.table.rejected)
         used = f"{len(result.table.counted) - rejected} of {len(result.table)} {result.table.item}s used"

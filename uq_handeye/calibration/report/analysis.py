@@ -5,15 +5,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...core.formatting.numbers import fixed, pose_rows
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.presentation.document import Block, Cell, Code, Heading, Points, Table
+from ...findings import Finding
 from ..estimate.estimated import deviations_of
 from ..result import Calibration
-from .noise import NO_TEST_OF_NOISE
 
 
 def beside_blocks(result: Calibration) -> list[Block]:
@@ -70,21 +72,25 @@ def diagnosis_blocks(result: Calibration) -> list[Block]:
     found = [f for f in analysis.diagnostics.findings if f.code not in _SAID_ELSEWHERE]
     found.sort(key=lambda f: f.code != "diagnostics.joint_spectrum")  # that one first
     found += [analysis.split_half.finding, analysis.split_in_time.finding]
-    said = (*result.findings, *result.cautions)
-    below = [f for f in found if f not in said]
+    below = not_shown_yet(result, found)
     title = f"Diagnostics{' (see the cautions above)' if len(below) < len(found) else ''}:"
     return [Heading(title), Points([str(f) for f in below])]
 
 
 def tests_not_run(result: Calibration) -> list[str]:
-    """Sentences that name the tests of the noise, of the residuals and of halves that were not run, and why."""
-    found = [] if result.fit is None or result.fit.p_value is not None else [NO_TEST_OF_NOISE]
+    """Sentences that name the tests of the residuals and of halves that were not run, and why."""
     analysis = result.analysis
     if analysis is None:
         why = f"they are made by the methods efficient and ml, not by {result.method}"
         if result.covariance is None:
             why = "there is no noise, given or estimated"
-        return [*found, f"The tests of the residuals and of two halves of the data were not run, because {why}."]
+        return [f"The tests of the residuals and of two halves of the data were not run, because {why}."]
     reasons = list(analysis.diagnostics.not_run)
     reasons += [half.reason for half in (analysis.split_half, analysis.split_in_time) if half.reason is not None]
-    return [*found, *map(str, reasons)]
+    return [str(reason) for reason in reasons]
+
+
+def not_shown_yet(result: Calibration, findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that are not among those of the calibration, which stand before all others."""
+    said = (*result.findings, *result.cautions)
+    return [one for one in findings if one not in said]

@@ -76,23 +76,31 @@ def first_screen(
 
 def title_of(result: Calibration, width: int = COLUMNS) -> str:
     """Return the title line, e.g. ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
+    start, end = f"{result.frame} from ", fit_words(result)
+    files = file_words(result, max(width - len(start) - len(end) - 2, 12))
+    return _cut(start + (f"{files}: {end}" if files else end), width)
+
+
+def fit_words(result: Calibration) -> str:
+    """Return the number of data, the setup and the method of the fit."""
     parts = [
         data_words(result),
         *([] if result.setup is None else [result.setup]),
         result.method + ("" if result.scale is None else f" (d = {result.scale:g})"),
     ]
+    return ", ".join(parts)
+
+
+def file_words(result: Calibration, room: int) -> str:
+    """Return the names of the files in ``room`` characters, the last ones by their number; empty without files."""
     sources = () if result.provenance is None else result.provenance.sources
     names = list(dict.fromkeys(source.name for source in sources))
-    start, end = f"{result.frame} from ", f": {', '.join(parts)}"
-    if not names:
-        return _cut(start + end[2:], width)
-    room = width - len(start) - len(end)
     shown = ", ".join(names)
     for count in range(len(names) - 1, 0, -1):
         if len(shown) <= room:
             break
         shown = f"{', '.join(names[:count])} + {len(names) - count} more"
-    return _cut(start + _cut(shown, max(room, 12)) + end, width)
+    return _cut(shown, room)
 
 
 def data_words(result: Calibration) -> str:
@@ -191,8 +199,9 @@ def checks_block(result: Calibration) -> Checks:
     for (status, text), alike in groupby(
         sorted(result.checks, key=lambda check: ranks[check.name]), lambda check: (check.status, check.text)
     ):
-        said = any(reason in text for reason in result.reasons[:1])
-        rows.append((status, ", ".join(check.name for check in alike), "as the headline says" if said else text))
+        of_text = list(alike)
+        said = any(one.phrase in result.reasons[:1] for check in of_text for one in check.findings[:1])
+        rows.append((status, ", ".join(check.name for check in of_text), "as the headline says" if said else text))
     return Checks(rows)
 
 

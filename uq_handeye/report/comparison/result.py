@@ -93,7 +93,7 @@ class Comparison:
         first: dict[str, str] = {}
         names: dict[str, list[str]] = {}
         for row in self.rows:
-            for text in row.warnings:
+            for text in (one.replace(f"method '{row.method}'", "the method") for one in row.warnings):
                 first.setdefault(without_numbers(text), text)
                 names.setdefault(without_numbers(text), []).append(row.method)
         return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
