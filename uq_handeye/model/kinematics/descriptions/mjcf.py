@@ -16,7 +16,7 @@ A joint in the frame of its body, with anchor p and reference value r, moves the
 
 so ``M(-r) Trans(-p)`` is part of the next origin. Ball and free joints between base and tip, joints that an
 ``<equality>`` couples, ``<include>``, ``<attach>`` and ``<replicate>`` are refused; nothing else of a file matters.
-Document types and entities are refused, as in `urdf`.
+Document types and entities are refused (`xml_tree`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
-from xml.parsers import expat
 
 import numpy as np
 
@@ -36,7 +35,8 @@ from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array, inverse, pose
 from ....errors import InputError
 from ..joint import MAX_ORIGIN_M, PRISMATIC, REVOLUTE, ChainParts, Joint
-from .urdf import MAX_PARTS, description_text, nearest, some
+from .urdf import description_text, nearest, some
+from .xml_tree import Element, xml_tree
 
 WORLD = "world"
 KINDS = {"hinge": REVOLUTE, "slide": PRISMATIC}
@@ -50,15 +50,6 @@ ONE_FILE = (
 NOT_READ = ("include", "attach", "replicate")
 # Usual names of the frame at the end of an arm.
 FLANGES = ("attachment_site", "flange", "tool0")
-
-
-class _Element(NamedTuple):
-    """An element of the file, and the line that it begins on."""
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[_Element]
 
 
 class _Frame(NamedTuple):
@@ -101,40 +92,10 @@ def read_mjcf(path_or_text: StrPath, base: str | None = None, tip: str | None = 
     return _Model(*description_text(path_or_text, "an MJCF model")).chain(base, tip)
 
 
-def _tree(text: str, where: str) -> _Element:
-    parser = expat.ParserCreate()
-    stack: list[_Element] = []
-    root: list[_Element] = []
-    count = 0
-
-    def refuse(*_: object) -> None:
-        raise InputError(f"{where}, line {parser.CurrentLineNumber}: expected XML without a document type or entities.")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        at, count = f"{where}, line {parser.CurrentLineNumber}", count + 1
-        if not stack and tag != "mujoco":
-            hint = "; give a URDF by --urdf" if tag == "robot" else ""
-            raise InputError(f"{at}: expected an MJCF model, which starts with <mujoco>, got <{one_line(tag)}>{hint}.")
-        if len(stack) >= 10 * MAX_DEPTH:
-            raise InputError(f"{at}: expected at most {10 * MAX_DEPTH} levels, got more.")
-        if count > MAX_PARTS:
-            raise InputError(f"{at}: expected at most {MAX_PARTS} elements, got more.")
-        element = _Element(tag, attributes, parser.CurrentLineNumber, [])
-        (stack[-1].children if stack else root).append(element)
-        stack.append(element)
-
-    def end(_: str) -> None:
-        stack.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        problem = expat.errors.messages[error.code]
-        raise InputError(f"{where}, line {error.lineno}: not XML: {problem}.") from error
-    return root[0]
+def _check(tag: str, is_root: bool, at: str) -> None:
+    if is_root and tag != "mujoco":
+        hint = "; give a URDF by --urdf" if tag == "robot" else ""
+        raise InputError(f"{at}: expected an MJCF model, which starts with <mujoco>, got <{one_line(tag)}>{hint}.")
 
 
 class _Model:
@@ -142,7 +103,7 @@ class _Model:
 
     def __init__(self, text: str, where: str) -> None:
         self.where = where
-        root = _tree(text, where)
+        root = xml_tree(text, where, 10 * MAX_DEPTH, _check)
         self.name = one_line(root.attributes.get("model", "")) or "robot"
         of_compiler: dict[str, str] = {}
         for element in self._all(root, "compiler"):
@@ -174,23 +135,23 @@ class _Model:
                 if one.tag == "joint" and one.attributes.get("active", "true") == "true":
                     self.coupled[names[0]] = names[1], one.line
 
-    def _all(self, root: _Element, tag: str) -> Iterator[_Element]:
+    def _all(self, root: Element, tag: str) -> Iterator[Element]:
         for element in root.children:
             self._require_read(element)
             if element.tag == tag:
                 yield element
 
-    def _at(self, element: _Element) -> str:
+    def _at(self, element: Element) -> str:
         named = f" {short(element.attributes['name'])}" if "name" in element.attributes else ""
         return f"{self.where}, line {element.line}: {element.tag}{named}"
 
-    def _require_read(self, element: _Element) -> None:
+    def _require_read(self, element: Element) -> None:
         if element.tag in NOT_READ:
             raise InputError(f"{self.where}, line {element.line}: <{element.tag}> is not read. {ONE_FILE}")
 
     # ------------------------------------------------------------------------------------------- classes
 
-    def _read_default(self, element: _Element, above: Mapping[str, dict[str, str]], top: bool = False) -> None:
+    def _read_default(self, element: Element, above: Mapping[str, dict[str, str]], top: bool = False) -> None:
         name = "main" if top else element.attributes.get("class", "")
         if not name:
             raise InputError(f"{self.where}, line {element.line}: expected a class of this <default>.")
@@ -207,19 +168,19 @@ class _Model:
             if child.tag == "default":
                 self._read_default(child, own)
 
-    def _with_defaults(self, element: _Element, childclass: str) -> _Element:
+    def _with_defaults(self, element: Element, childclass: str) -> Element:
         name = element.attributes.get("class", childclass)
         self._require_class(element, name)
         given = _replaced(self.defaults[name].get(element.tag, {}), element.attributes)
-        return _Element(element.tag, given, element.line, [])
+        return Element(element.tag, given, element.line, [])
 
-    def _require_class(self, element: _Element, name: str) -> None:
+    def _require_class(self, element: Element, name: str) -> None:
         if name not in self.defaults:
             raise InputError(f"{self._at(element)} is of the class {short(name)}, which <default> does not have.")
 
     # ------------------------------------------------------------------------------------------- bodies
 
-    def _read_children(self, parent: _Element, body: str, T: Array, childclass: str) -> None:
+    def _read_children(self, parent: Element, body: str, T: Array, childclass: str) -> None:
         """Read what is in a body or in a frame at T in it."""
         for element in parent.children:
             self._require_read(element)
@@ -238,7 +199,7 @@ class _Model:
             elif element.tag in ("joint", "freejoint"):
                 self._add_joint(element, body, T, childclass)
 
-    def _add(self, element: _Element, above: str, origin: Array) -> str:
+    def _add(self, element: Element, above: str, origin: Array) -> str:
         name = element.attributes.get("name") or f"body_{len(self.frames)}"
         if name in self.frames:
             if element.tag == "site":  # sites and bodies have names apart: the body keeps it
@@ -250,7 +211,7 @@ class _Model:
         self.frames[name] = _Frame(name, above, origin, [], is_site=element.tag == "site")
         return name
 
-    def _add_joint(self, element: _Element, body: str, T: Array, childclass: str) -> None:
+    def _add_joint(self, element: Element, body: str, T: Array, childclass: str) -> None:
         frame = self.frames[body]
         number = f"_{len(frame.joints) + 1}" if frame.joints else ""
         name = element.attributes.get("name") or f"{body}_joint{number}"
@@ -277,7 +238,7 @@ class _Model:
             raise InputError(f"{self._at(element)}: the axis is zero.")
         frame.joints.append(_Joint(name, kind, element.line, anchor, axis, ref, float(lower), float(upper)))
 
-    def _placed(self, element: _Element) -> Array:
+    def _placed(self, element: Element) -> Array:
         """(4, 4) of an element's pos and orientation."""
         given = [name for name in ORIENTATIONS if name in element.attributes]
         if len(given) > 1:
@@ -287,7 +248,7 @@ class _Model:
             R = self._rotation(given[0], self._numbers(element, given[0], np.zeros(ORIENTATIONS[given[0]])), element)
         return pose(R, self._numbers(element, "pos", np.zeros(3)))
 
-    def _rotation(self, name: str, values: Array, element: _Element) -> Array:
+    def _rotation(self, name: str, values: Array, element: Element) -> Array:
         def unit(v: Array) -> Array:
             length = float(np.linalg.norm(v))
             if not length > 1e-9:
@@ -314,7 +275,7 @@ class _Model:
         about = about / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
         return np.asarray(Rotation.from_rotvec(np.arctan2(sine, z[2]) * about).as_matrix())
 
-    def _numbers(self, element: _Element, name: str, default: Array) -> Array:
+    def _numbers(self, element: Element, name: str, default: Array) -> Array:
         text = element.attributes.get(name)
         if text is None:
             return default

@@ -4,7 +4,7 @@ The reader uses ``<link>``, and of ``<joint>`` its type, ``<parent>``, ``<child>
 ``<limit>`` and ``<mimic>``; metres and radians, ``rpy`` about the fixed axes x, y, z in this order. A joint without
 ``<axis>`` has (1, 0, 0), as the format says. Limits that are missing or equal are none.
 
-Nothing in a file can run or grow: document types and entities are refused as in `files.trees`, and sizes are bounded.
+Nothing in a file can run or grow (`xml_tree`).
 
 `urdf_with_origins` writes other origins of some joints: the rest of the text stays as it is.
 """
@@ -30,11 +30,11 @@ from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
 from ..joint import MAX_ORIGIN_M, PRISMATIC, REVOLUTE, ChainParts, Joint
+from .xml_tree import Element, xml_tree
 
 MOVING = {"revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
 # Usual names of the frame at the end of an arm, best first.
 FLANGES = ("tool0", "flange")
-MAX_PARTS = 100_000
 
 # Elements of a joint that are read.
 _PARTS = ("parent", "child", "origin", "axis", "limit", "mimic")
@@ -118,76 +118,56 @@ def description_text(path_or_text: StrPath, what: str = "a URDF") -> tuple[str, 
     return decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected {what}").lstrip(), name
 
 
+def _check(tag: str, is_root: bool, at: str) -> None:
+    if tag.startswith("xacro:"):
+        raise InputError(f"{at}: <{one_line(tag)}> is xacro, not URDF; run xacro first: xacro NAME > robot.urdf.")
+    if is_root and tag != "robot":
+        hint = "; give an MJCF model by --robot-model FILE.xml" if tag == "mujoco" else ""
+        raise InputError(f"{at}: expected a URDF, which starts with <robot>, got <{one_line(tag)}>{hint}.")
+
+
 def _parse(text: str, where: str) -> Tree:
-    parser = expat.ParserCreate()
-    stack: list[str] = []
-    tree = Tree(where, "", {}, [])
-    names: set[str] = set()
-    current: _Joint | None = None
-
-    def at() -> str:
-        return f"{where}, line {parser.CurrentLineNumber}"
-
-    def refuse(*_: object) -> None:
-        raise InputError(f"{at()}: expected XML without a document type or entities.")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal current
-        if tag.startswith("xacro:"):
-            raise InputError(f"{at()}: <{one_line(tag)}> is xacro, not URDF; run xacro first: xacro NAME > robot.urdf.")
-        if not stack and tag != "robot":
-            hint = "; give an MJCF model by --robot-model FILE.xml" if tag == "mujoco" else ""
-            raise InputError(f"{at()}: expected a URDF, which starts with <robot>, got <{one_line(tag)}>{hint}.")
-        if len(stack) >= MAX_DEPTH:
-            raise InputError(f"{at()}: expected at most {MAX_DEPTH} levels, got more.")
-        stack.append(tag)
-        if len(stack) == 1:
-            tree.name = one_line(attributes.get("name", ""))
-        elif len(stack) == 2 and tag in ("link", "joint"):
-            name = attributes.get("name", "")
-            if not name:
-                raise InputError(f"{at()}: expected a name of this <{tag}>.")
-            if name in (tree.links if tag == "link" else names):
-                raise InputError(f"{at()}: there are two {tag}s of the name {short(name)}.")
-            if len(tree.links) + len(names) >= MAX_PARTS:
-                raise InputError(f"{at()}: expected at most {MAX_PARTS} links and joints, got more.")
-            if tag == "link":
-                tree.links[name] = None
-            else:
-                names.add(name)
-                current = _Joint(name, attributes.get("type", ""), parser.CurrentLineNumber, {})
-                tree.joints.append(current)
-        elif len(stack) == 3 and current is not None and tag in _PARTS:
-            if tag in current.parts:
-                raise InputError(f"{at()}: joint {short(current.name)} has two <{tag}>.")
-            if tag in ("parent", "child") and not attributes.get("link"):
-                raise InputError(f"{at()}: expected a link of <{tag}> of joint {short(current.name)}.")
-            current.parts[tag] = attributes
-
-    def end(tag: str) -> None:
-        nonlocal current
-        if len(stack) == 2 and current is not None:
-            for part in ("parent", "child"):
-                if part not in current.parts:
-                    raise InputError(f"{at()}: joint {short(current.name)} has no <{part}>.")
-            current = None
-        stack.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        problem = expat.errors.messages[error.code]
-        raise InputError(f"{where}, line {error.lineno}: not XML: {problem}.") from error
-    for joint in tree.joints:
+    root = xml_tree(text, where, MAX_DEPTH, _check)
+    links: dict[str, None] = {}
+    joints: dict[str, _Joint] = {}
+    for element in root.children:
+        if element.tag not in ("link", "joint"):
+            continue
+        at, name = f"{where}, line {element.line}", element.attributes.get("name", "")
+        if not name:
+            raise InputError(f"{at}: expected a name of this <{element.tag}>.")
+        if name in (links if element.tag == "link" else joints):
+            raise InputError(f"{at}: there are two {element.tag}s of the name {short(name)}.")
+        if element.tag == "link":
+            links[name] = None
+        else:
+            joints[name] = _joint_of(element, name, where)
+    for joint in joints.values():
         for link in (joint.parent, joint.child):
-            if link not in tree.links:
+            if link not in links:
                 raise InputError(
                     f"{where}, line {joint.line}: joint {short(joint.name)} is at the link {short(link)}, which is not "
-                    f"in the file{nearest(link, tree.links)}."
+                    f"in the file{nearest(link, links)}."
                 )
-    return Tree(where, tree.name, tree.links, tree.joints)
+    return Tree(where, one_line(root.attributes.get("name", "")), links, list(joints.values()))
+
+
+def _joint_of(element: Element, name: str, where: str) -> _Joint:
+    """Return a joint with its parts, each once, and the links that it joins."""
+    parts: dict[str, dict[str, str]] = {}
+    for part in element.children:
+        if part.tag not in _PARTS:
+            continue
+        at = f"{where}, line {part.line}"
+        if part.tag in parts:
+            raise InputError(f"{at}: joint {short(name)} has two <{part.tag}>.")
+        if part.tag in ("parent", "child") and not part.attributes.get("link"):
+            raise InputError(f"{at}: expected a link of <{part.tag}> of joint {short(name)}.")
+        parts[part.tag] = part.attributes
+    for tag in ("parent", "child"):
+        if tag not in parts:
+            raise InputError(f"{where}, line {element.line}: joint {short(name)} has no <{tag}>.")
+    return _Joint(name, element.attributes.get("type", ""), element.line, parts)
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
