@@ -16,13 +16,16 @@ import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import FIT_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ..error_terms.key import ErrorKey
 from ..noise.joint_covariance import JointCovariance
 from ..poses.pose_pairs import PosePairs
 from .assumed import assumed_drift, bound_again, error_by_number
 from .shared_error import SharedError
+
+# Columns follow from the poses where they agree with those of the fit to this share of the largest number: the fit's are
+# at poses before the last rounding of its corrections.
+MAX_COLUMN_DIFFERENCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ class ColumnsByPoses(ReadOnlyArrays):
             if (
                 again is not None
                 and again.shape == F.shape
-                and np.allclose(again, F, 0.0, FIT_ROUNDING * np.abs(F).max())
+                and np.allclose(again, F, 0.0, MAX_COLUMN_DIFFERENCE * np.abs(F).max())
             ):
                 kept[of] = False
                 groups.append(error.to_dict())
