@@ -23,8 +23,8 @@ from ..poses.pose_pairs import PosePairs
 from .assumed import assumed_drift, bound_again, error_by_number
 from .shared_error import SharedError
 
-# Columns follow from the poses where they agree with those of the fit to this share of the largest number: the fit's are
-# at poses before the last rounding of its corrections.
+# Columns follow from the poses where they agree with those of the fit to this share of the largest number: those of the
+# fit are at poses before their corrections were rounded.
 MAX_COLUMN_DIFFERENCE = 1e-9
 
 
