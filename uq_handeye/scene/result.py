@@ -15,19 +15,16 @@ from ..core.files.atomic import write_files
 from ..core.files.json_files import json_text
 from ..core.files.json_values import JsonObject
 from ..core.files.one_line import OF_DATA, refused
-from ..core.files.open import StrPath, as_path, opened, shown
+from ..core.files.open import StrPath, as_path, shown
 from ..core.files.records import array_of
 from ..core.files.source import Source
-from ..core.files.tree_values import fields_of, got
-from ..core.files.trees import parse_tree
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..core.presentation.document import to_text
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
+from ..formats.command_folder import arrays_in, description_in, folder_of_command
 from ..formats.csv_poses import pose_text
-from ..formats.numpy_poses import unpacked
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.scene_facts import SceneFacts
@@ -180,17 +177,9 @@ def read_scene(folder: StrPath) -> ScenePoses:
     InputError
         A folder that is none, lacks a file, or whose files do not belong together.
     """
-    path = as_path(folder)
-    name = shown(path)
-    if lacking := [file for file in (POSES, COVARIANCE, SUMMARY) if not (path / file).exists()]:
-        raise InputError(f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye scene -o wrote.")
-    with opened(path / SUMMARY, MAX_DESCRIPTION_BYTES) as file:
-        tree = fields_of(parse_tree(file.read(), shown(path / SUMMARY)))
-    if tree.get("format") != FORMAT:
-        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {got(tree.get('format'))}.")
-    with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
-        arrays = unpacked(file.read(), shown(path / COVARIANCE))
-    with refused(f"{name}: not what uq-handeye scene writes", OF_DATA):
+    path = folder_of_command(folder, "scene", (POSES, COVARIANCE, SUMMARY))
+    tree, arrays = description_in(path / SUMMARY, FORMAT), arrays_in(path / COVARIANCE)
+    with refused(f"{shown(path)}: not what uq-handeye scene writes", OF_DATA):
         return _scene(tree, arrays)
 
 

@@ -12,18 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.json_values import Json, JsonObject
 from ...core.files.one_line import OF_DATA, refused, short
-from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.open import StrPath, shown
 from ...core.files.records import array_of
 from ...core.files.tree_values import fields_of, got, is_list, item, number, vector
-from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
+from ...formats.command_folder import arrays_in, description_in, folder_of_command
 from ...formats.csv_poses import read_pose_file
-from ...formats.numpy_poses import unpacked
 from .adjustment.bundle import Bundle, BundleUnknowns, Prior, Sight
 from .adjustment.criterion import Candidate
 from .adjustment.outliers import MAX_DISTANCE_SD
@@ -49,20 +47,10 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     InputError
         A folder that is none, lacks a file, or whose files do not belong together.
     """
-    path = as_path(folder)
-    name = shown(path)
-    if not path.is_dir():
-        raise InputError(f"Cannot read {name}: expected the folder of uq-handeye camera -o, got none.")
-    lacking = [file for file in (INTRINSICS, COVARIANCE, CORNERS, POSES) if not (path / file).exists()]
-    if lacking:
-        raise InputError(
-            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it again."
-        )
-    with opened(path / INTRINSICS, MAX_DESCRIPTION_BYTES) as file:
-        tree = parse_tree(file.read(), shown(path / INTRINSICS))
+    path = folder_of_command(folder, "camera", (INTRINSICS, COVARIANCE, CORNERS, POSES))
+    name, tree = shown(path), description_in(path / INTRINSICS)
     corners, used = corners_and_used(path / CORNERS)
-    with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
-        arrays = unpacked(file.read(), shown(path / COVARIANCE))
+    arrays = arrays_in(path / COVARIANCE)
     with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
         found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
         _numbers(arrays, "shared", found.covariance.shared.shape)

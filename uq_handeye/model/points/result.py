@@ -14,22 +14,21 @@ from ...core.files.atomic import write_files
 from ...core.files.csv_text import csv_text
 from ...core.files.json_files import json_text
 from ...core.files.json_values import JsonObject
-from ...core.files.one_line import OF_DATA, refused, short
+from ...core.files.one_line import OF_DATA, refused
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.tree_values import fields_of, got, items_of
-from ...core.files.trees import parse_tree
+from ...core.files.tree_values import fields_of, items_of
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.presentation.document import to_text
 from ...core.presentation.html import to_html
 from ...errors import InputError
 from ...findings import Finding
+from ...formats.command_folder import arrays_in, description_in, folder_of_command
 from ...formats.csv_poses import pose_text, read_pose_file
-from ...formats.numpy_poses import unpacked
 from ..error_terms.keys import INTRINSICS
 from ..noise.joint_covariance import JointCovariance
 from .point_file import read_points, read_target
@@ -155,23 +154,10 @@ def read_point_poses(folder: StrPath) -> PointPoses:
     InputError
         A folder that is none, lacks a file, or whose files do not belong together.
     """
-    path = as_path(folder)
-    name = shown(path)
-    if not path.is_dir():
-        raise InputError(f"Cannot read {name}: expected the folder of uq-handeye points -o, got none.")
-    if lacking := [file for file in (POSES, COVARIANCE, SUMMARY, POINTS, TARGET) if not (path / file).exists()]:
-        raise InputError(
-            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye points -o wrote; write it again."
-        )
-    with opened(path / SUMMARY, MAX_DESCRIPTION_BYTES) as file:
-        tree = parse_tree(file.read(), shown(path / SUMMARY))
-    if fields_of(tree).get("format") != FORMAT:
-        came = short(str(fields_of(tree)["format"])) if "format" in fields_of(tree) else got(tree)
-        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
-    with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
-        arrays = unpacked(file.read(), shown(path / COVARIANCE))
+    path = folder_of_command(folder, "points", (POSES, COVARIANCE, SUMMARY, POINTS, TARGET))
+    name, tree, arrays = shown(path), description_in(path / SUMMARY, FORMAT), arrays_in(path / COVARIANCE)
     with refused(f"{name}: not what uq-handeye points writes", OF_DATA):
-        found = _point_poses(path, fields_of(tree), arrays)
+        found = _point_poses(path, tree, arrays)
     rows, poses = read_pose_file(path / POSES)
     if (
         not np.array_equal(rows, found.rows)
