@@ -99,13 +99,12 @@ def corners_at_estimate(result: Estimated) -> CameraCalibration | None:
 
     None without corners or posterior, and where it makes no difference (`MAX_CORNER_MOVE_SD`).
     """
-    analysis, posterior, covariance = result.analysis, result.posterior, result.covariance
-    if not isinstance(analysis, Analysis) or posterior is None or covariance is None:
-        return None
-    data = analysis.data
+    analysis, covariance = result.analysis, result.covariance
+    data = analysis.data if isinstance(analysis, Analysis) else None
     seen = data.camera_calibration if isinstance(data, PosePairs) else None
-    if seen is None or not isinstance(data, PosePairs):
+    if seen is None or covariance is None or (posterior := result.posterior) is None:
         return None
+    assert isinstance(analysis, Analysis) and isinstance(data, PosePairs)
     parameters = np.array(seen.bundle.parameters)
     if (found := _moves(seen, analysis.noise, posterior)) is not None:
         parameters -= found[0] @ posterior.estimate[found[1]]

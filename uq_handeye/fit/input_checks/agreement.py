@@ -77,8 +77,7 @@ def agreement(G: Array, C: Array, scale_free: bool = True) -> Agreement | None:
     n = len(G)
     i, j = motions_between(n)
     difference = np.abs(angles_between(G[:, :3, :3]) - angles_between(C[:, :3, :3]))
-    each = np.array([np.median(difference[(i == k) | (j == k)]) for k in range(n)])
-    counts = _counting(each, ROTATION_FLOOR_RAD)
+    counts = _counting(_medians(n, np.concatenate([i, j]), np.tile(difference, 2)), ROTATION_FLOOR_RAD)
     A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
     X = angle = None
     for _ in range(ROUNDS):
@@ -99,6 +98,14 @@ def agreement(G: Array, C: Array, scale_free: bool = True) -> Agreement | None:
     distance, length, scale, counts = _translation(G, C, X[:3, :3], counts, scale_free)
     rms = float(np.sqrt(np.mean(angle[counts] ** 2)))
     return Agreement(rms, distance, length, scale, float(np.mean(counts)), X[:3, :3], agree)
+
+
+def _medians(n: int, pose: NDArray[np.intp], values: Array) -> Array:
+    """(n,) medians of the values (N,) of each of n poses, which all have some."""
+    ordered = values[np.lexsort((values, pose))]
+    count = np.bincount(pose, minlength=n)
+    start = np.cumsum(count) - count
+    return np.asarray(0.5 * (ordered[start + (count - 1) // 2] + ordered[start + count // 2]))
 
 
 def _counting(residuals: Array, floor: float) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ frame (`poses.target_views`), near the point at which the cameras look.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -69,7 +70,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     pivot = pivot_of(constraint.second) if constraint.item == "pose" else None
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
-    scales, of_half = _scales(pivoted, hypotheses, majority), _scales(pivoted, hypotheses, half)
+    scales, of_half = _scales(pivoted, hypotheses, (majority, half))
     if by_half := constraint.n >= MIN_POSES_FOR_HALF and _stands_out(of_half, scales):
         scales, majority = of_half, half
     order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[: N_SUBSETS // 30]
@@ -201,15 +202,15 @@ def _misfits(closure: tuple[Array, Array], at: Unknowns) -> Array:
     return np.stack([0.5 * columns[..., :3].sum(axis=-1), columns[..., 3]])
 
 
-def _scales(constraint: Constraint, at: Unknowns, majority: int) -> Array:
-    """Return the `misfit` of all hypotheses (T, 2) that the majority of the poses stays below."""
-    T, closure = len(at.X), constraint.closure()
-    scales = np.empty((T, 2))
+def _scales(constraint: Constraint, at: Unknowns, counts: Sequence[int]) -> Array:
+    """Return the `misfit` of all hypotheses (len(counts), T, 2) that so many of the poses stay below."""
+    T, closure, ranks = len(at.X), constraint.closure(), [count - 1 for count in counts]
+    scales = np.empty((len(ranks), T, 2))
     step = max(1, CHUNK // constraint.n)
     for k in range(0, T, step):
         part = slice(k, k + step)
         squares = _misfits(closure, Unknowns(at.X[part], None if at.W is None else at.W[part]))
-        scales[part] = np.partition(squares, majority - 1, axis=-1)[..., majority - 1].T
+        scales[:, part] = np.partition(squares, ranks, axis=-1)[..., ranks].T
     return np.maximum(scales, 1e-24)
 
 

@@ -55,15 +55,11 @@ from ..likelihood.reduced_rows import Reduced, reduce_rows
 from ..likelihood.starts import ROUGH_STEP_SD
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, followed, other_modes
+from .mode import GAIN, NEAR_SD, REACH_SD, ROUGH_GAIN, Mode, find_mode, followed, other_modes
 
 KINDS = (Kind.ROTATION, Kind.TRANSLATION)
 # Largest number of times that the model is linearised.
 MAX_LINEARISATIONS = 6
-# The sizes need not be exact before the unknowns and the robust weights are final: a step that would decrease f by less
-# than this is not taken, and shared errors whose energy in the whitened rows is below it count as noise of each pose
-# for the weights (the noise itself has the energy 1 in each number).
-ROUGH_GAIN = 1e-2
 # At most this many poses, evenly spread over the rows, are used to estimate the sizes; and as long as unknowns and
 # robust weights are not final, by which rows are judged.
 MAX_POSES_FOR_SIZES, MAX_POSES_FOR_ROUGH_SIZES = 200, 100

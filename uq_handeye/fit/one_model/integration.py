@@ -87,14 +87,14 @@ class Mixture(ReadOnlyArrays):
         return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
 
 
-def integrate(model: LatentModel, modes: Sequence[Mode]) -> Mixture:
-    """Integrate over the sizes about the modes."""
+def integrate(model: LatentModel, modes: Sequence[Mode], least: float = 0.01) -> Mixture:
+    """Integrate over the sizes about the modes; one of a share below ``least`` is a single point."""
     evidence = np.array([mode.log_evidence for mode in modes])
     odds = np.exp(evidence - evidence.max())
     odds /= odds.sum()
     weights, points, which = [], [], []
     for number, (mode, share) in enumerate(zip(modes, odds.tolist(), strict=True)):
-        found, w = _about(model, mode)
+        found, w = _about(model, mode, 0 if share < least else len(mode.theta))
         points += found
         weights.append(share * w)
         which += [number] * len(found)
@@ -109,8 +109,8 @@ def integrate(model: LatentModel, modes: Sequence[Mode]) -> Mixture:
     )
 
 
-def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
-    k = len(mode.theta)
+def _about(model: LatentModel, mode: Mode, k: int) -> tuple[list[Conditional], Array]:
+    """Return points in k dimensions about a mode, and their weights; 0: the mode itself."""
     if k == 0:
         return [model.of_poses(mode.theta)], np.ones(1)
     v = design(k)

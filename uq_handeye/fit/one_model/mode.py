@@ -33,6 +33,10 @@ NEAR_SD = 2.0
 ARRIVED_SD = 0.3
 # The search ends when the next step is expected to decrease f, minus the logarithm of the density, by less than this.
 GAIN = 1e-5
+# The sizes need not be exact before the unknowns and the robust weights are final, nor in the less probable modes: a
+# step that would decrease f by less than this is not taken, and shared errors whose energy in the whitened rows is
+# below it count as noise of each pose for the weights (the noise itself has the energy 1 in each number).
+ROUGH_GAIN = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,7 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
             start = mode.theta.copy()
             start[noise] = [np.log(_of_residuals(model, free[k])) for k in noise]
             start[place] = model.medians[place]
-            other = find_mode(model, start, known=(mode, *found))
+            other = _other_mode(model, start, (mode, *found))
             if other.converged and all(_apart(other.theta, known) for known in (mode, *found)):
                 found.append(other)
     for place, number in enumerate(free):
@@ -145,7 +149,7 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
                 start[place] = np.log(size)
                 starts.append(start)
         for start in starts:
-            other = find_mode(model, start, known=(mode, *found))
+            other = _other_mode(model, start, (mode, *found))
             if (
                 other.converged
                 and place not in other.at_bound
@@ -159,10 +163,21 @@ def followed(model: LatentModel, mode: Mode, known: Sequence[Mode]) -> list[Mode
     """Return the modes beside ``mode`` that searches from those of a model like this one end at."""
     found: list[Mode] = []
     for one in known:
-        other = find_mode(model, one.theta, known=(mode, *found))
+        other = _other_mode(model, one.theta, (mode, *found))
         if other.converged and all(_apart(other.theta, near) for near in (mode, *found)):
             found.append(other)
     return found
+
+
+def _other_mode(model: LatentModel, start: Array, known: Sequence[Mode], log_odds: float = 5.0) -> Mode:
+    """Return the mode where a search beside known ones ends, the first of them the main one.
+
+    It is exact where the logarithm of its evidence is smaller than that of the main one by less than ``log_odds``.
+    """
+    found = find_mode(model, start, ROUGH_GAIN, known=known)
+    if found in known or found.log_evidence < known[0].log_evidence - log_odds:
+        return found
+    return find_mode(model, found.theta)
 
 
 def _of_residuals(model: LatentModel, number: int) -> float:
