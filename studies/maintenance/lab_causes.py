@@ -1,12 +1,15 @@
 """Causes that `check` gives for changes of a lab: a bracket that slid by 1 mm, a focal length that changed by 0.5 %.
 
-    python -m studies.maintenance.lab_causes [--sets 60] [--first 500]
+    python -m studies.maintenance.lab_causes [--sets 60] [--first 500] [--cameras 1]
 
 Each set is calibrated with 25 poses and default options, with noise of 0.05 deg and 0.3 mm, and checked by eight new
 poses whose depths spread by 80 mm or more, in both setups in turn. The camera slid along its optical axis, or across it
 in a random direction; the target slid in its plane; the focal length grew. Prints in how many sets the true cause has
 more than half of the probability, its mean probability, and the smallest probability that was listed. The prior
 probabilities (`use.maintenance.causes`) were chosen by sets below 500.
+
+With ``--cameras 2`` or more the cameras are side by side, each 0.1 m from the one before, and see one target at every
+pose, and what changes is the second one: the truth is the cause of that camera.
 """
 
 from __future__ import annotations
@@ -81,14 +84,54 @@ def probabilities(k: int) -> dict[str, dict[str, float]]:
     return found
 
 
+def of_rig(k: int, cameras: int) -> dict[str, dict[str, float]]:
+    """Return for each change of one rig the probabilities of the causes, by kind and part."""
+    setup, rng = SETUPS[k % 2], np.random.default_rng([21, k])
+    truth = uq.simulate(n_poses=N_CALIBRATED + N_CANDIDATES, setup=setup, seed=rng).truth
+    assert truth is not None
+    names, G, W = [f"camera {j + 1}" for j in range(cameras)], truth.robot, truth.W
+    on_arm, in_world = {True: ("arm", "world"), False: ("world", "arm")}[setup == "eye-in-hand"]
+    X = {}
+    for j, name in enumerate(names):
+        X[name] = truth.X.copy()
+        X[name][:3, 3] += 0.1 * j * truth.X[:3, 0]
+
+    def rig(rows: Array, change: str) -> uq.Rig:
+        views, robot, seed = [], _noisy(G[rows], G[rows], setup, rng).robot, int(rng.integers(1 << 31))
+        for name in names:
+            of_part = change.startswith("target") or name == names[1]
+            direction = np.random.default_rng(seed)  # one of all cameras
+            C = _changed(change if of_part else "nothing", X[name], W, G[rows], setup, direction)
+            views.append(uq.View(name, "board", _noisy(C, C, setup, rng).camera, tuple(rows.tolist())))
+        arm = uq.ArmPoses(robot, tuple(rows.tolist()))
+        return uq.Rig({"arm": arm}, dict.fromkeys(names, on_arm), {"board": in_world}, views)
+
+    result = uq.calibrate(rig(np.arange(N_CALIBRATED), "nothing"))
+    while True:
+        rows = N_CALIBRATED + rng.permutation(N_CANDIDATES)[:N_CHECKED]
+        if np.ptp(truth.camera[rows, 2, 3]) >= MIN_DEPTH_SPREAD_M:
+            break
+    found = {}
+    for change, cause in TRUTH.items():
+        check = uq.check(result, rig(rows, change))
+        part = "board" if cause == TARGET_MOVED else names[1]
+        found[change] = {cause if (one.name, one.of) == (cause, part) else f"{one.name} of {one.of}": one.probability
+                         for one in check.causes}  # fmt: skip
+        found[change] |= {f"listed {one.name} {one.of}": one.probability for one in check.candidates}
+    return found
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=60)
     parser.add_argument("--first", type=int, default=500)
+    parser.add_argument("--cameras", type=int, default=1)
     options = parser.parse_args()
     warnings.simplefilter("ignore", uq.InputWarning)
-    sets = [probabilities(k) for k in range(options.first, options.first + options.sets)]
+    several = options.cameras > 1
+    numbers = range(options.first, options.first + options.sets)
+    sets = [of_rig(k, options.cameras) if several else probabilities(k) for k in numbers]
     print("| change | above half | sets | mean probability | first otherwise | least listed |\n" + "| --- " * 6 + "|")
     for name, cause in TRUTH.items():
         of = [one[name] for one in sets]

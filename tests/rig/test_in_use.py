@@ -11,8 +11,9 @@ from scipy.stats import binom, chi2
 import uq_handeye as uq
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.se3 import inverse, perturb
+from uq_handeye.model.shared_errors.shared_error import SharedError
 from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
-from uq_handeye.use.maintenance.check_views import RigCheck
+from uq_handeye.use.maintenance.check_views import RigCheck, cause_of_part
 from uq_handeye.use.maintenance.update_views import update_rig
 from uq_handeye.use.planning.next_views import RigPlan
 
@@ -50,11 +51,14 @@ def drawn(places, n, first, seed, arms=("arm",)):
 
 @pytest.mark.statistical
 def test_new_views_agree_as_often_as_the_level_says():
-    p = []
+    p, alarms = [], 0
     for k in range(60):
         old, new, _, noise = drawn(HAND, 30, 20, k)
-        p.append(uq.check(calibrate_rig(old, noise, robust=False), new).p_value)
+        found = uq.check(calibrate_rig(old, noise, robust=False), new)
+        p.append(found.p_value)
+        alarms += found.changed
     assert binom.cdf(sum(value < 0.05 for value in p), 60, 0.05) < 0.999
+    assert binom.cdf(alarms, 60, 0.05) < 0.999  # of all views and of each move together
     assert chi2.sf(-2 * np.log(p).sum(), 120) > 1e-4  # not too small
     assert chi2.cdf(-2 * np.log(p).sum(), 120) > 1e-4  # not too large
 
@@ -92,6 +96,66 @@ def test_the_pose_that_moved_is_named(name):
     assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
     assert found.moves[0].shift == pytest.approx(3e-3, abs=1.5e-3)
     assert name in found.sentence and RigCheck.from_dict(found.to_dict()).summary() == found.summary()
+
+
+def changed_views(change, name, seed):
+    """Return the result of a rig, and new views after a change of one of its parts: 2 mm, 1 % or one wrong view."""
+    exact, truth = simulate_rig(*HAND, n_poses=40, seed=7)
+    old, new = split(exact, 30)
+    noise, views = noise_of(exact), []
+    for k, view in enumerate(new.views):
+        C = view.poses.copy()
+        if view.camera == name and change == "X":
+            C = inverse(perturb(truth[name], np.array([0, 0, 0, 0, 0, 2e-3]))) @ truth[name] @ C
+        if view.camera == name and change == "focal length":
+            poses = uq.PosePairs(np.broadcast_to(np.eye(4), C.shape), C, "eye-in-hand")
+            C = perturb(C, 0.01 * SharedError.focal_length(1.0).at(poses)[..., 0])
+        if change == "target size":
+            C[:, :3, 3] *= 1.01
+        if change == "one pose" and k == 0:
+            C[4, :3, 3] += 0.02
+        views.append(uq.View(view.camera, view.target, C, view.at))
+    result = calibrate_rig(with_noise(old, noise, [SEED, seed, 1]), noise)
+    return result, with_noise(uq.Rig(new.arms, new.cameras, new.targets, views), noise, [SEED, seed, 2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "part", "words"),
+    [
+        ("X", "right", "right moved by"),
+        ("focal length", "right", "the focal length of right is"),
+        ("target size", "board", "the size of board is"),
+        ("one pose", "of board by left at robot pose 34", "only the view of board by left at robot pose 34 is wrong"),
+    ],
+)
+def test_causes_of_each_part_have_probabilities(change, part, words):
+    result, new = changed_views(change, part, 5)
+    found = uq.check(result, new)
+    first = found.causes[0]
+    assert found.changed and (first.name, first.of) == (change, part) and first.probability > 0.5
+    assert sum(one.probability for one in found.causes) == pytest.approx(1.0)
+    assert len({(one.name, one.of) for one in found.causes}) == len(found.causes) == 9
+    assert words in cause_of_part(first) and found.status == ("moved" if change == "X" else "changed")
+    again = RigCheck.from_dict(found.to_dict())
+    assert again.summary() == found.summary() and [one.of for one in again.causes] == [one.of for one in found.causes]
+
+
+@pytest.mark.slow
+def test_a_move_shows_among_the_residuals_of_many_views():
+    result, _ = changed_views("X", "right", 6)
+    changes = []
+    for k in range(4):
+        exact, truth = simulate_rig(*HAND, n_poses=80, seed=7)
+        _, new = split(exact, 40)
+        noise, slid = noise_of(exact), perturb(truth["right"], np.array([0, 0, 0, 0, 0, 0.6e-3]))
+        views = [
+            replace(view, poses=inverse(slid) @ truth["right"] @ view.poses) if view.camera == "right" else view
+            for view in new.views
+        ]
+        changes.append(uq.check(result, with_noise(replace(new, views=tuple(views)), noise, [SEED, 9, k])))
+    assert all(found.cause == "right" for found in changes)
+    assert min(found.moves[0].p for found in changes) < 1e-6 < max(found.p_value for found in changes)
 
 
 @pytest.mark.slow

@@ -45,6 +45,8 @@ class RigEvidence(ReadOnlyArrays):
     free: Array  # (M, k) whitened columns of what the calibration left open
     weights: Array  # (t,) of points of the open sizes
     scales: Array  # (t,) of d^2 at them
+    by_camera: Array  # (E, 6, 6) derivatives of the residuals by the camera poses
+    halves: tuple[Array, ...]  # of each batch of the graph, which whiten its rows
 
     @property
     def dof(self) -> int:
@@ -58,6 +60,14 @@ class RigEvidence(ReadOnlyArrays):
         if of is not None:
             columns = columns * of[self.edges][:, None]
         return _without(columns, self.free)[:, None, :]
+
+    def changed(self, F: Array) -> Array:
+        """(M, 1, c) columns of an error of the camera poses, whose effect on each of them is F (E, 6, c)."""
+        columns = [
+            half @ (self.by_camera[batch.edges] @ F[batch.edges]).reshape(len(batch.edges), -1, F.shape[-1])
+            for batch, half in zip(self.graph.batches, self.halves, strict=True)
+        ]
+        return -_without(np.concatenate([part.reshape(-1, F.shape[-1]) for part in columns]), self.free)[:, None, :]
 
 
 def like(result: RigPoses, rig: Rig) -> Rig:
@@ -127,7 +137,8 @@ def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | No
     rows = NewRows(kept[:, -1:], by_unit[:, None], np.ones((len(kept), 1, 1)), posterior)
     scales = _scales(result, rig, graph, halves, by_unit)
     weights = result.size_weights if len(scales) > 1 else np.ones(1)
-    return RigEvidence(graph, rows, J, np.concatenate(edges), free, weights, scales)
+    of_views = np.concatenate(edges)
+    return RigEvidence(graph, rows, J, of_views, free, weights, scales, sides.camera, tuple(halves))
 
 
 def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:

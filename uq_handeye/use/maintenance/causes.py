@@ -22,6 +22,9 @@ One pose cannot separate X from W.
 - *target size*: likewise, of the scale of all translations of the camera poses. With the target in the middle of the
   picture it is the same as the focal length.
 - *one pose*: only one of the poses is an outlier, by a wrong detection or robot pose; tested from three poses on.
+
+Of a rig each camera, target and base has causes of its own, of the same columns and probabilities: it is named in
+``of``. One view takes the place of one pose.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -109,18 +112,19 @@ def prior_sizes(name: str, R: Array | None = None) -> list[Array]:
 class Cause(Record):
     """One possible cause, as estimated by itself."""
 
-    _in_file: ClassVar[str] = "name estimate covariance gain p_left probability row"
+    _in_file: ClassVar[str] = "name of estimate covariance gain p_left probability deviance row"
+    _if_any: ClassVar[str] = "of"
 
     name: str
-    estimate: (
-        Array  # (p,) rad and m; true over used, minus 1, of focal length and target size; rad for the image centre
-    )
-    covariance: Array  # (p, p)
+    # rad and m; true over used, minus 1, of focal length and target size; rad for the image centre
+    estimate: Annotated[Array, "p"]
+    covariance: Annotated[Array, "p", "p"]
     gain: float  # by how much d^2 falls
     p_left: float  # p-value of what is left of d^2
     probability: float  # among the causes that are compared
     deviance: float  # what is left
     row: int | None = None  # of one pose: which
+    of: str = ""  # camera, target or base of a rig, or the view
 
     @property
     def explains(self) -> bool:
@@ -154,10 +158,10 @@ class Causes(ReadOnlyArrays):
             return self.all[:1]
         before = np.cumsum([0.0, *(cause.probability for cause in self.all)])[:-1]
         of_each = zip(self.all, before, strict=True)
-        names = {cause.name for cause, total in of_each if total < MIN_PROBABILITY_OF_SET or self._near(cause)}
-        names = {name for name in names if self[name].probability >= MIN_PROBABILITY_LISTED}
-        names |= {CAMERA_MOVED} if IMAGE_CENTRE in names else set()
-        return tuple(cause for cause in self.all if cause.name in names)
+        found = [cause for cause, total in of_each if total < MIN_PROBABILITY_OF_SET or self._near(cause)]
+        listed = {(one.name, one.of) for one in found if one.probability >= MIN_PROBABILITY_LISTED}
+        listed |= {(CAMERA_MOVED, of) for name, of in listed if name == IMAGE_CENTRE}
+        return tuple(cause for cause in self.all if (cause.name, cause.of) in listed)
 
     def _near(self, cause: Cause) -> bool:
         """Return whether a cause leaves hardly more than the first, each without what chance takes away."""
@@ -166,6 +170,17 @@ class Causes(ReadOnlyArrays):
 
     def __getitem__(self, name: str) -> Cause:
         return next(cause for cause in self.all if cause.name == name)
+
+
+class Candidate(NamedTuple):
+    """One of the causes that are compared."""
+
+    name: str
+    columns: Array  # (m, k, p)
+    axes: Array | None = None  # (3, 3) of a part that may slide
+    choices: int = 1  # as many causes of this kind share the prior probability
+    of: str = ""
+    row: int | None = None
 
 
 def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
@@ -185,24 +200,30 @@ def compare_causes(
     evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference, axes: Mapping[str, Array]
 ) -> Causes:
     """Estimate each cause by itself, and compare them; ``axes``: those (3, 3) of camera and target, by their causes."""
-    d2, N = evidence.d2, evidence.dof
-    found: list[tuple[float, Cause]] = []
-
-    def add(name: str, C: Array, choices: int = 1, row: int | None = None) -> None:
-        of = evidence.explained_by(C)
-        left, p = max(d2 - of.gain, 0.0), C.shape[-1]
-        p_left = reference.p_value(left, N - p) if p < N else 1.0
-        log_evidence = _log_evidence(evidence, reference, prior_sizes(name, axes.get(name)), C, of.estimate)
-        log_evidence += float(np.log(PRIORS[name] / choices))
-        cause = Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, reference.deviance(left), row)
-        found.append((log_evidence, cause))
-
-    for name, C in columns.items():
-        add(name, C)
+    candidates = [Candidate(name, C, axes.get(name)) for name, C in columns.items()]
     m = len(evidence.r)
     if m >= 3:  # one wrong pose can be separated from a change
         row, C = _most_outlying(evidence)
-        add(ONE_POSE, C, m, row)
+        candidates.append(Candidate(ONE_POSE, C, choices=m, row=row))
+    return compare_candidates(evidence, candidates, reference, evidence.dof)
+
+
+def compare_candidates(
+    evidence: NewRows, candidates: Sequence[Candidate], reference: PredictiveReference, dof: int
+) -> Causes:
+    """Estimate each candidate by itself, and compare them; ``dof``: of d^2."""
+    d2 = evidence.d2
+    found: list[tuple[float, Cause]] = []
+    for one in candidates:
+        by = evidence.explained_by(one.columns)
+        left, p = max(d2 - by.gain, 0.0), one.columns.shape[-1]
+        p_left = reference.p_value(left, dof - p) if p < dof else 1.0
+        sizes = prior_sizes(one.name, one.axes)
+        log_evidence = _log_evidence(evidence, reference, sizes, one.columns, by.estimate)
+        log_evidence += float(np.log(PRIORS[one.name] / one.choices))
+        deviance = reference.deviance(left)
+        cause = Cause(one.name, by.estimate, by.covariance, by.gain, p_left, 0.0, deviance, one.row, one.of)
+        found.append((log_evidence, cause))
     found.sort(key=lambda one: -one[0])
     weight = np.exp(np.array([log_evidence for log_evidence, _ in found]) - found[0][0])
     weight = weight / weight.sum()

@@ -1,10 +1,13 @@
 """Test whether the stored result of a rig still holds, by new views.
 
 The p-value is that of the residuals of the new views, with their covariance if nothing has changed
-(`calibration.evidence.new_views`). All new rows are tested together (`posterior.rows`). Where they contradict the
-result, each camera and each target is tried as the one that moved: the move that explains most, if it explains the
-contradiction, is named with its size. Whatever the answer, ``detectable`` gives the smallest change of each pose that
-these views would have shown.
+(`calibration.evidence.new_views`). All new rows are tested together (`posterior.rows`), and a move of each pose by its
+own chi-square: that of a single pose is lost among the residuals of many views. Each of the two tests has half of the
+probability of a false alarm, that of the moves divided by their number (Bonferroni). Where the views contradict the
+result, every camera, target and base is tried as the one that moved, every camera as one whose focal length or image
+centre changed, every target as one of another size, and the view that fits least as the only wrong one. Their
+probabilities are those of a lab (`causes`). Whatever the answer, the smallest change of each pose that these views
+would have shown is given.
 """
 
 from __future__ import annotations
@@ -18,16 +21,32 @@ import numpy as np
 from ...calibration.estimate.rig_poses import RigPoses
 from ...calibration.evidence.new_views import RigEvidence, evidence_of_views
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits, probability
+from ...core.formatting.numbers import concise, digits, probability
+from ...core.geometry.se3 import Array
 from ...core.numbers.levels import POWER
 from ...core.numbers.limits import VISIBLE_CHANGE
-from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
+from ...core.presentation.document import Answer, Block, Document, Paragraph, Points, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
-from ...fit.diagnostics.paths import AS_GOOD_CHI_SQUARE
+from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import PredictiveReference, smallest_change
 from ...model.rig.description import Rig
+from ...model.shared_errors.shared_error import SharedError
+from .causes import (
+    CAMERA_MOVED,
+    FOCAL_LENGTH,
+    IMAGE_CENTRE,
+    ONE_POSE,
+    TARGET_MOVED,
+    TARGET_SIZE,
+    Candidate,
+    Cause,
+    Causes,
+    compare_candidates,
+)
 
+# One wrong view can be separated from a change where there are as many.
+MIN_VIEWS_FOR_WRONG_VIEW = 3
 UNCHANGED, MOVED, CHANGED, CANNOT_TELL = "unchanged", "moved", "changed", "cannot tell"
 _STATUS = {UNCHANGED: "ok", MOVED: "failed", CHANGED: "failed", CANNOT_TELL: "caution"}
 FORMAT = "uq-handeye rig check 1"
@@ -59,8 +78,8 @@ class RigCheck(Record, Shown):
     Attributes
     ----------
     status : "unchanged", "moved", "changed" or "cannot tell"
-        Moved: one pose explains it. Changed: no single pose does. Cannot tell: the views agree, and would agree with a
-        change of a camera that matters.
+        Moved: the move of one pose explains it, and is the most probable cause. Changed: another cause is, or none
+        explains it. Cannot tell: the views agree, and would agree with a change of a camera that matters.
     p_value, d2 : float
         Of all new views, if nothing has changed.
     dof, count : int
@@ -70,6 +89,8 @@ class RigCheck(Record, Shown):
     moves : tuple of RigMove
         Every camera, target and base that was seen, that which explains most first; with the smallest change of it that
         shows with 95 % probability.
+    causes : tuple of Cause
+        Where the views contradict the result: each cause by itself, the most probable first; ``of`` names the part.
     views : dict
         p-value of the views of each pair of camera and target, by "camera, target".
     unseen : tuple of str
@@ -79,7 +100,8 @@ class RigCheck(Record, Shown):
     """
 
     _in_file: ClassVar[str] = (
-        "format=_format status changed p_value d2 dof count level noise_dof moves views unseen limits cause sentence"
+        "format=_format status changed p_value d2 dof count level noise_dof moves causes views unseen limits cause "
+        "sentence"
     )
 
     status: str
@@ -93,6 +115,7 @@ class RigCheck(Record, Shown):
     unseen: tuple[str, ...] = ()
     limits: tuple[float | None, float | None] = (None, None)
     noise_dof: float | None = None
+    causes: tuple[Cause, ...] = ()
 
     @property
     def _format(self) -> str:
@@ -105,8 +128,14 @@ class RigCheck(Record, Shown):
 
     @property
     def cause(self) -> str | None:
-        """Name of the camera, target or base that moved, where one pose explains the change."""
-        return self.moves[0].name if self.status == MOVED else None
+        """Name of the camera, target or base that moved, where the move of one pose explains the change."""
+        return self.causes[0].of if self.status == MOVED else None
+
+    @property
+    def candidates(self) -> tuple[Cause, ...]:
+        """The most probable cause with those that cannot be separated from it; empty where none explains the change."""
+        found = Causes(self.causes) if self.causes else None
+        return () if found is None or not found.explained else found.candidates
 
     @property
     def sentence(self) -> str:
@@ -119,12 +148,12 @@ class RigCheck(Record, Shown):
             worst = max(self.moves, key=lambda one: one.least_shift)
             return f"CANNOT TELL: {agree}, but would miss a change of {worst.name} below {_least(worst)}."
         if self.status == MOVED:
-            near = [
-                one.name for one in self.moves[1:] if one.chi_square > self.moves[0].chi_square - AS_GOOD_CHI_SQUARE
-            ]
-            others = f" As likely: {', '.join(near)}." if near else ""
-            return f"MOVED: {self.moves[0]} ({said}).{others} Calibrate it again."
-        return f"CHANGED: the {self.count} new views contradict the calibration; no single move explains it ({said})."
+            moved = next(one for one in self.moves if one.name == self.cause)
+            by_move = f"chi-square {moved.chi_square:.0f} of 6, {probability(moved.p)}"
+            return f"MOVED: {moved} ({by_move}). Calibrate it again."
+        if self.candidates:
+            return f"CHANGED: {cause_of_part(self.candidates[0])} ({said})."
+        return f"CHANGED: the {self.count} new views contradict the calibration; no single cause explains it ({said})."
 
     __str__ = Shown.summary
 
@@ -141,8 +170,31 @@ def check_document(check: RigCheck) -> Document:
     pairs = Table("Views by themselves.", ["camera, target", "probability"],
                   [[pair, probability(p)] for pair, p in check.views.items()])  # fmt: skip
     unseen = [Paragraph(f"Not seen, so not checked: {', '.join(check.unseen)}.")] if check.unseen else []
-    return [[Answer(check.sentence, _STATUS[check.status]), *unseen],
+    several = check.candidates if len(check.candidates) > 1 else ()
+    causes: list[Block] = [Paragraph("Causes that these views cannot separate, with probabilities:")] if several else []
+    causes += [Points([f"{100 * one.probability:.0f} %: {cause_of_part(one)}" for one in several])] if several else []
+    return [[Answer(check.sentence, _STATUS[check.status]), *causes, *unseen],
             [Table(caption, head, rows, frozenset({5}))], [pairs]]  # fmt: skip
+
+
+def cause_of_part(cause: Cause) -> str:
+    """Return a cause of a rig in words, with its size."""
+    of, size = cause.of, cause.estimate
+    if cause.name == ONE_POSE:
+        return f"only the view {of} is wrong"
+    if cause.name == IMAGE_CENTRE:
+        return f"the image centre of {of} changed (the same as a camera rotated about its own x and y axes)"
+    if cause.name in (FOCAL_LENGTH, TARGET_SIZE):
+        what, larger = (
+            ("the focal length", ("shorter", "longer"))
+            if cause.name == FOCAL_LENGTH
+            else ("the size", ("smaller", "larger"))
+        )
+        sd = float(np.sqrt(cause.covariance[0, 0]))
+        by = concise(100 * abs(float(size[0])), 100 * sd, "%")
+        return f"{what} of {of} is {by} {larger[int(size[0] > 0)]}"
+    shift, angle = (float(np.linalg.norm(part)) for part in (size[3:], size[:3]))
+    return f"{of} moved by {digits(np.degrees(angle), 2)} deg and {digits(1e3 * shift, 2)} mm"
 
 
 def _least(one: RigMove) -> str:
@@ -185,11 +237,19 @@ def check_rig(
     limits = _limits(tolerance, rig)
     d2, reference = found.rows.d2, _reference(found, found.dof)
     p = reference.p_value(d2)
-    needed = reference.noncentrality(POWER.probability, level)
-    moves = sorted((_move(found, name, d2, needed) for name in _seen(found)), key=lambda one: -one.chi_square)
-    status = UNCHANGED
-    if p < level:
-        status = MOVED if moves and moves[0].p * len(moves) < level and moves[0].left > 0.01 * level else CHANGED
+    names = _seen(found)
+    of_all, of_move = level / 2, level / 2 / len(names)
+    needed = min(
+        reference.noncentrality(POWER.probability, of_all),
+        _reference(found, 6).noncentrality(POWER.probability, of_move),
+    )
+    moves = sorted((_move(found, name, d2, needed) for name in names), key=lambda one: -one.chi_square)
+    status, causes = UNCHANGED, tuple[Cause, ...]()
+    if p < of_all or min(one.p for one in moves) < of_move:
+        compared = compare_candidates(found.rows, _candidates(result, rig, found), reference, found.dof)
+        causes, first = compared.all, compared.candidates[0]
+        is_move = first.name in (CAMERA_MOVED, TARGET_MOVED)
+        status = MOVED if is_move and first.explains else CHANGED
     elif any(
         limit is not None and not least <= limit
         for one in moves if one.name in result.rig.cameras
@@ -201,7 +261,52 @@ def check_rig(
     seen = {one.name for one in moves}
     unseen = tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in seen)
     nu = None if reference.noise_given else reference.noise_dof
-    return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views, unseen, limits, nu)
+    return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views, unseen, limits, nu, causes)
+
+
+def _candidates(result: RigPoses, rig: Rig, found: RigEvidence) -> list[Candidate]:
+    """Return the causes of each camera, target and base that was seen, and the view that fits least as a wrong one."""
+    graph, candidates = found.graph, list[Candidate]()
+    pairs = PosePairs(np.broadcast_to(np.eye(4), graph.C.shape), graph.C, "eye-in-hand")
+    F_focal, F_centre, F_size = (
+        error.at(pairs)
+        for error in (SharedError.focal_length(1.0), SharedError.principal_point(1.0), SharedError.target_scale(1.0))
+    )
+    for name in _seen(found):
+        u = graph.names.index(name)
+        axes, columns = result.poses[u][:3, :3], found.moved(name)
+        if name in rig.cameras:
+            of = np.equal(graph.X, u)[:, None, None]
+            candidates += [
+                Candidate(CAMERA_MOVED, columns, axes, of=name),
+                Candidate(FOCAL_LENGTH, found.changed(F_focal * of), of=name),
+                Candidate(IMAGE_CENTRE, found.changed(F_centre * of), of=name),
+            ]
+        else:
+            candidates.append(Candidate(TARGET_MOVED, columns, axes, of=name))
+            if name in rig.targets:
+                size = found.changed(F_size * np.equal(graph.W, u)[:, None, None])
+                candidates.append(Candidate(TARGET_SIZE, size, of=name))
+    if graph.E >= MIN_VIEWS_FOR_WRONG_VIEW:
+        candidates.append(_wrong_view(rig, found))
+    return candidates
+
+
+def _wrong_view(rig: Rig, found: RigEvidence, tried: int = 12) -> Candidate:
+    """Return the view that explains most as the only wrong one, of those ``tried`` whose residuals are largest."""
+    graph = found.graph
+    squares = np.bincount(found.edges, found.rows.r[:, 0] ** 2, graph.E)
+
+    def columns(e: int) -> Array:
+        F = np.zeros((graph.E, 6, 6))
+        F[e] = np.eye(6)
+        return found.changed(F)
+
+    most = np.argsort(-squares)[:tried].tolist()
+    worst = max(most, key=lambda e: found.rows.explained_by(columns(e)).gain)
+    view = rig.views[graph.view[worst]]
+    at = "" if view.at is None else f" at robot pose {view.at[graph.row[worst]]}"
+    return Candidate(ONE_POSE, columns(worst), choices=graph.E, of=f"of {view.target} by {view.camera}{at}")
 
 
 def _limits(tolerance: tuple[float | None, float | None] | None, rig: Rig) -> tuple[float | None, float | None]:
