@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import parsed, require_signed, signed_text
+from ..core.files.json_files import parsed
 from ..core.files.json_values import JsonObject
 from ..core.formatting.numbers import digits
-from ..core.geometry import conventions
 from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.html import html_of
 from ..errors import InputError
@@ -31,8 +30,9 @@ from .prediction.task import TaskErrors, predict_task
 from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.figure_names import figure_names
-from .result_file import AS_DATA, AS_NOISE, DERIVED, FORMAT, UNITS, bound_to_data, columns_of, from_dict
+from .result_file import AS_DATA, AS_NOISE, DERIVED, bound_to_data, columns_of, from_dict
 from .statement.accuracy import Statement
+from .stored_result import OF_CAMERA, StoredResult, head_of, is_of_rig
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Calibration(Statement):
+class Calibration(Statement, StoredResult):
     """X of AX = XB with its uncertainty.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
@@ -404,7 +404,7 @@ class Calibration(Statement):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
-        found = {"format": FORMAT, "convention": conventions.CONVENTION, "units": UNITS, **super().to_dict()}
+        found = {**head_of(OF_CAMERA), **super().to_dict()}
         if (columns := columns_of(found)) is not None and isinstance(self.noise, PoseNoise):
             for side, S in joint_sides(self.noise).items():
                 found["noise"][side] = columns.shortened(S, found["noise"][side])
@@ -424,39 +424,18 @@ class Calibration(Statement):
         return None if self.data is None else data_to_dict(self.data)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Calibration:
+    def from_dict(cls, data: Any) -> Self:
         """The inverse of `to_dict`; raises `InputError` on anything else: parts that are missing, of another type, not
         finite, or that do not belong to each other."""
         return from_dict(cls, data)
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all); numbers survive without loss."""
-        return signed_text(self.to_dict(), path)
-
-    def save(self, path: str | Path) -> Path:
-        """Write the result file, as `to_json`, and return its path; `load` reads it."""
-        self.to_json(path)
-        return Path(path)
-
-    @classmethod
-    def from_json(cls, path: str | Path, data: Any = None) -> Calibration:
-        """Read the text that `to_json` writes; ``data``: the content of the file, if it has been parsed."""
-        data = parsed(path) if data is None else data
-        try:
-            found = cls.from_dict(data)
-            require_signed(data)
-            return found
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
 
 def load(path: str | Path) -> Calibration | RigCalibration:
     """Read a result file, as `Calibration.save`, `RigCalibration.save` and ``uq-handeye calibrate -o`` write it."""
     from .rig_result import RigCalibration
-    from .rig_result_file import is_rig_result
 
     data = parsed(path)
-    kind: type[Calibration] | type[RigCalibration] = RigCalibration if is_rig_result(data) else Calibration
+    kind: type[Calibration] | type[RigCalibration] = RigCalibration if is_of_rig(data) else Calibration
     return kind.from_json(path, data)
 
 

@@ -1,8 +1,4 @@
-"""Conversion of a `Calibration` to the plain numbers, lists and text of its file, and back.
-
-Reading checks types, shapes, finite values, and that derived numbers agree with those they follow from. Sentences
-(``warnings``) are written for other programs and not read: the findings are.
-"""
+"""Conversion of a `Calibration` to the plain numbers, lists and text of its file, and back."""
 
 from __future__ import annotations
 
@@ -12,15 +8,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..core.files.about import as_about
-from ..core.files.packed import unpacked
-from ..core.files.records import attributes, damaged, parts_of, unequal, wrong_number
+from ..core.files.records import parts_of
 from ..core.files.source import versions
 from ..core.files.tree_values import is_map
 from ..core.geometry.checks import as_covariance, as_pose
-from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.points import OpenSizes
@@ -36,11 +29,9 @@ from ..model.shared_errors.by_poses import ColumnsByPoses
 from .estimate.analysis import StoredAnalysis
 from .estimate.parts import PARTS
 from .statement.accuracy import Statement
+from .stored_result import OF_CAMERA, read_result
 
 C = TypeVar("C", bound=Statement)
-
-FORMAT = "uq-handeye calibration 6"
-UNITS = {"rotation": "rad", "translation": "m"}
 
 # Of the noise of the estimate, where it is the noise of the result.
 AS_NOISE = "as noise"
@@ -58,39 +49,21 @@ _KNOWN = {
 }
 
 
-def from_dict(kind: type[C], data: dict[str, Any]) -> C:
-    """The inverse of `to_dict`; raises `InputError` on anything else.
+def from_dict(kind: type[C], data: Any) -> C:
+    """Return the inverse of `to_dict`; raises `InputError` on anything else.
 
-    Parts that are missing, of another type, not finite, or that do not belong to each other. A file of another format
-    is refused by its format.
+    Parts that are missing, of another type, not finite, or that do not belong to each other.
     """
-    found = data.get("format") if isinstance(data, dict) else data
-    if found != FORMAT:
-        raise InputError(
-            f"Expected a result file of format {FORMAT!r}, got {found!r:.60}. Write it again with this version: "
-            "uq-handeye calibrate ROBOT CAMERA -o DIR."
-        )
-    with damaged("The calibration"):
-        data = unpacked(data)
-        if (where := wrong_number(data, "calibration")) is not None:
-            raise ValueError(where)
-        _require_stated(data)
+
+    def made(data: dict[str, Any]) -> C:
+        if type(data.get("usable", True)) is not bool:
+            raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
         result: C = kind(**_parts_of(data, kind))
         _require_whole(result)
         _require_usable_as_stated(data, result)
-        with np.errstate(divide="raise", over="raise", invalid="raise"):
-            if (where := unequal(attributes(result, DERIVED), data, "calibration")) is not None:
-                raise ValueError(f"{where} does not fit the rest")
-    return result
+        return result
 
-
-def _require_stated(data: dict[str, Any]) -> None:
-    """Raise where units, convention or usability are not what this program writes: numbers mean nothing without."""
-    for name, expected in (("convention", CONVENTION), ("units", UNITS)):
-        if data[name] != expected:
-            raise ValueError(f"{name} is {data[name]!r:.60}, expected {expected!r:.60}")
-    if type(data.get("usable", True)) is not bool:
-        raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
+    return read_result(data, OF_CAMERA, DERIVED, made)
 
 
 def _require_usable_as_stated(data: dict[str, Any], result: Statement) -> None:

@@ -10,15 +10,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import json_text, parsed, require_signed, signed_text
+from ..core.files.json_files import json_text
 from ..core.files.open import StrPath
 from ..core.formatting.numbers import probability
-from ..errors import InputError
 from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_SD_M, Transform, with_open
 from ..model.poses.estimated_pose import EstimatedPose
@@ -26,10 +25,11 @@ from ..model.rig.description import WORLD
 from .estimate.rig_poses import RigPoses
 from .prediction.points_of_cameras import RigPoints, predict_points
 from .rig_result_file import from_dict, to_dict
+from .stored_result import StoredResult
 
 
 @dataclass(frozen=True, eq=False)
-class RigCalibration(RigPoses):
+class RigCalibration(RigPoses, StoredResult):
     """All poses of a rig with their joint covariance, and operations on them; attributes as `RigPoses`."""
 
     def text(self) -> str:
@@ -61,10 +61,6 @@ class RigCalibration(RigPoses):
         """Plain numbers and texts: poses by name, relative poses, and all that `from_dict` reads; see `files`."""
         return to_dict(self, tuple(part.name for part in fields(self)))
 
-    def save(self, path: StrPath) -> None:
-        """Write `to_dict` as JSON, which `uq_handeye.load` reads back bit by bit."""
-        signed_text(self.to_dict(), path)
-
     def export(self, path: StrPath, format: str | None = None) -> Path:
         """Write all poses and relative poses for another program; see `uq_handeye.formats.export`.
 
@@ -87,26 +83,15 @@ class RigCalibration(RigPoses):
         return predict_points(self, camera, points, robot, into)
 
     @classmethod
-    def from_dict(cls, data: Any) -> RigCalibration:
+    def from_dict(cls, data: Any) -> Self:
         """Read the values that `to_dict` writes; raises `InputError` on any others."""
         return from_dict(cls, data)
-
-    @classmethod
-    def from_json(cls, path: StrPath, data: Any = None) -> RigCalibration:
-        """Read the file that `save` writes; ``data``: its content, if it has been parsed."""
-        try:
-            data = parsed(path) if data is None else data
-            found = cls.from_dict(data)
-            require_signed(data)
-            return found
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
     def __repr__(self) -> str:
         return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"
 
 
-def several_of(result: RigPoses) -> Several:
+def several_of(result: RigCalibration) -> Several:
     """Return the poses of cameras, targets and bases, and the relative poses, of a `RigCalibration`."""
     comments = []
     if opened := [one.frame for one in result.every if len(one.open)]:
@@ -120,7 +105,7 @@ def several_of(result: RigPoses) -> Several:
         comments.append(f"The world is the base of the arm {first}.")
     return Several(
         [_transform(one) for one in result.singles], [_transform(one) for one in result.pairs], comments,
-        signed_text(result.to_dict()),
+        result.to_json(),
     )  # fmt: skip
 
 

@@ -13,9 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..core.files.json_values import Json, JsonObject
-from ..core.files.packed import unpacked
-from ..core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
-from ..core.files.tree_values import is_map
+from ..core.files.records import attributes, parts_of, plain
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from ..model.kinematics.chain import Kinematics
@@ -23,23 +21,18 @@ from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.pose_prior import PosePrior
 from ..model.rig.description import ArmPoses, Rig, View
 from .estimate.rig_poses import RigPoses
+from .stored_result import OF_RIG, head_of, read_result
 
 C = TypeVar("C", bound=RigPoses)
 
-FORMAT = "uq-handeye rig 4"
 # Parts of the file besides the fields, which follow from them.
 DERIVED = "cameras targets arms relative=relative_poses"
 _NAME = "rig"
 
 
-def is_rig_result(data: Any) -> bool:
-    """Return whether the content of a JSON file is the result of a rig."""
-    return is_map(data) and str(data.get("format", "")).startswith("uq-handeye rig ")
-
-
 def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
     """Return the result as plain values: derived values for other programs first, then its fields."""
-    found = {"format": FORMAT, **attributes(result, DERIVED)}
+    found = {**head_of(OF_RIG), **attributes(result, DERIVED)}
     for name in fields:
         found[name] = rig_to_dict(result.rig) if name == _NAME else plain(getattr(result, name))
     rejected = {
@@ -51,21 +44,13 @@ def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
 
 def from_dict(kind: type[C], data: Any) -> C:
     """Read the values that `to_dict` writes; raises `InputError` on others, and where parts do not belong together."""
-    if not is_rig_result(data) or data["format"] != FORMAT:
-        found = data.get("format") if is_map(data) else data
-        raise InputError(
-            f"Expected the result of a rig, format {FORMAT!r}, got {found!r:.60}. Write it again with this version: "
-            "uq-handeye calibrate RIG.toml -o DIR."
-        )
-    with damaged("The result"):
-        data = unpacked(data)
-        if (where := wrong_number(data, "rig")) is not None:
-            raise ValueError(where)
-        result = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
+
+    def made(data: dict[str, Any]) -> C:
+        result = kind(**parts_of(kind, data, "calibration", rig=rig_from_dict(data[_NAME])))
         _require_whole(result)
-        if (where := unequal(attributes(result, DERIVED), data, "rig")) is not None:
-            raise ValueError(f"{where} does not fit the rest")
-    return result
+        return result
+
+    return read_result(data, OF_RIG, DERIVED, made)
 
 
 def _require_whole(result: RigPoses) -> None:

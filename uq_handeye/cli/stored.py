@@ -1,6 +1,6 @@
 """Stored results that a command takes: of one camera, or of a rig, of which one camera is chosen."""
 
-import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -84,12 +84,12 @@ class PredictedOf(OneOfRig):
 
 def is_result(path: Path | None) -> bool:
     """Return whether a file is a result of one camera or of a rig, by its format."""
-    return _format(path).startswith(("uq-handeye rig ", "uq-handeye calibration "))
+    return _head(path) is not None
 
 
 def stored_rig(path: Path | None) -> "RigCalibration | None":
     """Return the result of a rig, None for another file."""
-    if not _format(path).startswith("uq-handeye rig "):
+    if _head(path) != "rig":
         return None
     from ..calibration.result import load
     from ..calibration.rig_result import RigCalibration
@@ -99,21 +99,17 @@ def stored_rig(path: Path | None) -> "RigCalibration | None":
     return found if isinstance(found, RigCalibration) else None
 
 
-def _format(path: Path | None) -> str:
+def _head(path: Path | None) -> str | None:
+    """Return what a result file is of, as its start says: "camera", "rig", or "" in older formats; None: no result."""
     from ..core.files.json_files import result_file  # NumPy is slow to import
 
     path = None if path is None else result_file(path)
     if path is None or path.suffix.lower() != ".json" or not path.is_file():
-        return ""
-    with path.open("rb") as file:  # the format is at the start
+        return None
+    with path.open("rb") as file:
         start = file.read(200).decode("utf-8", "replace")
-    name, _, rest = start.lstrip("{ \n\r\t").partition(":")
-    if name.strip() != '"format"':
-        return ""
-    try:
-        return str(json.JSONDecoder().raw_decode(rest.strip())[0])
-    except ValueError:
-        return ""
+    found = re.match(r'\s*{\s*"format"\s*:\s*"uq-handeye (?:calibration|rig) \d+"(?:\s*,\s*"of"\s*:\s*"(\w+)")?', start)
+    return None if found is None else found[1] or ""
 
 
 def refuse(*taken: str, what: str = "the result of a rig") -> None:
