@@ -50,6 +50,7 @@ from ..scene.estimate import (
     pull_of_robot,
 )
 from ..scene.lens import NAMES, Lens
+from ..scene.moved import moved_object
 from ..scene.result import ScenePoses
 from ..scene.views import scene_views
 from .calibrate import calibrate
@@ -158,13 +159,18 @@ class _Run:
             lens = Lens.of(_size_of(self.paths[0]), self.known)
         seen = colmap.match(self.paths, folder, lens, mask, self.say)
         models = colmap.models(seen, lens, self.say)
-        if not seen.weak and 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
-            # A gripper may have nearly all of the strong features.
-            seen = colmap.match(self.paths, folder, lens, mask, self.say, weak=True)
-            models = colmap.models(seen, lens, self.say)
-        share = seen.stationary_share()
+        if 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
+            # A gripper may have nearly all of the strong features. What is in the hand covers a background, no gripper.
+            gripper = seen.still_region() if self.setup == "eye-in-hand" else None
+            if gripper is not None and not gripper.all():
+                mask = colmap.write_mask(gripper, mask, folder / "mask.png")
+                self.findings.append(Finding("scene.gripper", "note", {"share": float(gripper.mean())}))
+            if gripper is not None or not seen.weak:
+                seen = colmap.match(self.paths, folder, lens, mask, self.say, weak=True)
+                models = colmap.models(seen, lens, self.say)
         if not models or len(models[0].rows) < 3:
             raise no_scene(seen, self.setup)
+        share = seen.stationary_share()
         if share > MANY_STATIONARY and self.setup == "eye-in-hand":
             self.findings.append(Finding("scene.stationary", "caution", {"share": share}))
         self.say("adjusting the scene")
@@ -189,6 +195,8 @@ class _Run:
             joined = len(np.setdiff1d(parts[1].rows, main.rows)) == 0
             values = {"count": len(parts), "sizes": [part.n for part in parts], "joined": joined}
             self.findings.append(Finding("scene.models", "note" if joined else "caution", values))
+        if (moved := moved_object(main, seen, scale_sd is not None)) is not None:
+            self.findings.append(moved)
         return self._result(main, seen, sd, scale_sd)
 
     def _adjusted(self, model: Model) -> Placed | None:

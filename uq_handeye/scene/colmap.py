@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ..core.files.open import shown
 from ..core.geometry.se3 import Array
@@ -32,6 +33,8 @@ FEW_FEATURES = 500
 MAX_EXHAUSTIVE = 80
 # Matches that move by less, in pixels, belong to what stands still in the picture.
 STATIONARY_PX = 4.0
+# The region that stands still in the pictures: width of its cells, and share of the pictures in which its features do.
+CELL_PX, STILL_SHARE = 16, 0.3
 # Models of fewer pictures are left.
 MIN_MODEL_SIZE = 3
 SEED = 0
@@ -91,18 +94,54 @@ class Matched:
         first, second = (number[int(id)] for id in module.pair_id_to_image_pair(pair))
         return first, second
 
-    def stationary_share(self) -> float:
-        """Share of what matches that stands still in the picture: the gripper, or what is drawn into pictures."""
+    @cached_property
+    def keypoints(self) -> list[Array]:
+        """Pixels (k, 2) of the features of each picture, as COLMAP counts them."""
+        with _opened(pycolmap(), self.database) as database:
+            return [np.array(database.read_keypoints(int(id))[:, :2], dtype=float) for id in self.ids]
+
+    @cached_property
+    def raw(self) -> dict[tuple[int, int], NDArray[np.intp]]:
+        """Matches (k, 2) of the features of pairs of pictures before they are verified."""
         module = pycolmap()
-        still = 0
         with _opened(module, self.database) as database:
-            at = {int(id): database.read_keypoints(int(id))[:, :2] for id in self.ids}
-            for pair, matches in zip(*database.read_all_matches(), strict=True):
-                if len(matches):
-                    i, j = (int(id) for id in module.pair_id_to_image_pair(pair))
-                    move = np.linalg.norm(at[i][matches[:, 0]] - at[j][matches[:, 1]], axis=-1)
-                    still += int((move < STATIONARY_PX).sum())
+            pairs, matches = database.read_all_matches()
+        found = {self._pair(module, pair): one for pair, one in zip(pairs, matches, strict=True)}
+        return {pair: np.asarray(one, dtype=np.intp) for pair, one in found.items() if len(one)}
+
+    @cached_property
+    def stationary(self) -> list[NDArray[np.intp]]:
+        """Number of other pictures in which each feature of each picture stands still: the gripper, or drawn text."""
+        found = [np.zeros(len(at), dtype=np.intp) for at in self.keypoints]
+        for (i, j), matches in self.raw.items():
+            move = np.linalg.norm(self.keypoints[i][matches[:, 0]] - self.keypoints[j][matches[:, 1]], axis=-1)
+            still = matches[move < STATIONARY_PX]
+            found[i][still[:, 0]] += 1  # a match has each feature once
+            found[j][still[:, 1]] += 1
+        return found
+
+    def stationary_share(self) -> float:
+        """Share of what matches that stands still in the picture."""
+        still = sum(int(count.sum()) for count in self.stationary) // 2
         return still / max(still + sum(self.verified.values()), 1)
+
+    def still_region(self) -> NDArray[np.bool_] | None:
+        """Where the pictures show what stands still in them, (height, width); None where nothing does."""
+        width, height = self.image_size
+        cells = (-(-height // CELL_PX), -(-width // CELL_PX))
+        still, every = np.zeros(cells), np.zeros(cells)
+        often = max(2.0, STILL_SHARE * (len(self.names) - 1))
+        for at, count in zip(self.keypoints, self.stationary, strict=True):
+            column, row = np.clip((at / CELL_PX).astype(int), 0, (cells[1] - 1, cells[0] - 1)).T
+            np.add.at(every, (row, column), 1.0)
+            np.add.at(still, (row, column), count >= often)
+        region = (still > 0.5 * every) & (still >= STILL_SHARE * len(self.names))
+        if not region.any():
+            return None
+        region = np.pad(region, 3, mode="edge")
+        # no holes, and a rim for features that reach beyond their centre
+        region = ndimage.binary_dilation(ndimage.binary_closing(region, iterations=3))[3:-3, 3:-3]
+        return np.asarray(np.kron(region, np.ones((CELL_PX, CELL_PX), bool)))[:height, :width]
 
 
 @contextmanager
@@ -171,7 +210,7 @@ def _features(
         old.unlink()
     options = module.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
-    options.sift.max_num_features = most = 8192 if weak else 4096  # of a picture
+    options.sift.max_num_features = most = 8192 if weak else 3000  # of a picture
     options.sift.first_octave = -1 if weak else 0
     if weak:
         options.sift.peak_threshold = 0.0015  # the least contrast
@@ -221,6 +260,18 @@ def _keep_largest(database: Any, ids: Sequence[int], most: int) -> None:
         database.write_descriptors(id, one)
 
 
+def write_mask(region: NDArray[np.bool_], mask: Path | None, path: Path) -> Path:
+    """Write a picture that is black in a region (height, width), and where the picture ``mask`` is."""
+    from PIL import Image
+
+    kept = ~region
+    if mask is not None:
+        with Image.open(mask) as picture:
+            kept &= np.asarray(picture.convert("L").resize(kept.shape[::-1], Image.Resampling.NEAREST)) > 0
+    Image.fromarray(255 * kept.astype(np.uint8)).save(path)
+    return path
+
+
 def models(seen: Matched, lens: Lens | None, say: Say) -> list[Model]:
     """Build scenes from matches, the one of most pictures first; pictures without a common match make several."""
     module = pycolmap()
@@ -229,6 +280,9 @@ def models(seen: Matched, lens: Lens | None, say: Say) -> list[Model]:
     options.mapper.num_threads, options.mapper.random_seed = 1, SEED
     options.triangulation.random_seed = SEED
     options.min_model_size = MIN_MODEL_SIZE
+    # The scene is adjusted again, with its robot: COLMAP's own adjustments may stop early.
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
+    options.ba_global_max_refinements, options.ba_local_max_refinements = 2, 1
     if lens is not None:
         options.ba_refine_focal_length = bool(lens.free[:2].any())
         options.ba_refine_extra_params = bool(lens.free[4:].any())

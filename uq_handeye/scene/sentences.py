@@ -39,6 +39,20 @@ def _(share: float) -> str:
     )
 
 
+@sentence("scene.gripper", check=CAMERA, phrase="{share:pct.0f} % of the picture is the gripper")
+def _(share: float) -> str:
+    return f"{100 * share:.0f} % of the picture stands still in all pictures, as a gripper does, and was masked."
+
+
+@sentence("scene.moved", check=CAMERA, phrase="an object of the scene moved")
+def _(before: Sequence[str], after: Sequence[str], points: int, of: int, length: float | None) -> str:
+    by = "" if length is None else f" by {digits(1e3 * length, 2)} mm"
+    return (
+        f"An object of the scene moved{by}: {points:,} of {of:,} points are at one place in {_listed(before)} and at "
+        f"another in {_listed(after)}. Each place was used by itself, and X does not depend on the motion."
+    )
+
+
 @sentence("scene.left_out", check=CAMERA, phrase=lambda v: f"{len(v['names'])} pictures show too little of the scene")
 def _(names: Sequence[str], given: int, least: int) -> str:
     one = len(names) == 1
