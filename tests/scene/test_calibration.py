@@ -82,6 +82,27 @@ def test_lengths_of_the_robot_are_told_as_such(scene):
     assert np.allclose(found.X, uq.calibrate(scene.pairs).X, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_noise_of_the_robot_may_be_declared(scene):
+    S = np.diag(np.repeat([3.5e-4, 5e-5], 3) ** 2)
+    found = uq.calibrate(scene.pairs, noise=uq.PoseNoise(S))
+    assert found.usable and d2(found) < 16.8 and found.camera_scale.std > 0
+    assert not found.noise_estimate
+    with pytest.raises(uq.InputError, match="comes from its pictures"):
+        uq.calibrate(scene.pairs, noise=uq.PoseNoise(S, S))
+
+
+@pytest.mark.slow
+def test_results_by_scenes_are_compared_and_not_checked(scene):
+    found = uq.calibrate(scene.pairs)
+    again = replace(scene.pairs, camera=scene.poses @ inverse(perturb(np.eye(4), np.full(6, 0.1))))
+    for question in (uq.check, uq.update):
+        with pytest.raises(uq.InputError, match="uq-handeye diff OLD NEW"):
+            question(found, again)
+    off = uq.difference(found, uq.calibrate(again))
+    assert off.xi.shape == (6,) and off.p_value_W is None and off.p_value_X > 0.5
+
+
 def test_scale_by_screws_needs_rotations_and_takes_one_axis():
     sim = simulated(4)
     assert scale_by_screws(sim.robot[:1], sim.truth.poses[:1]) is None

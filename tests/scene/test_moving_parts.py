@@ -77,7 +77,9 @@ def with_moved_object(moved=90, turn=0.2, shift=0.05, always=False):
     tracks = Tracks.of(t.picture, number, t.pixels, t.names, t.image_size)
     scene = replace(truth, tracks=tracks, points=np.concatenate([truth.points, there])[kept])
     before = tracks.pixels + scene.residuals()
-    scene = replace(scene, tracks=replace(tracks, pixels=before + np.random.default_rng(1).normal(0, 0.3, before.shape)))
+    scene = replace(
+        scene, tracks=replace(tracks, pixels=before + np.random.default_rng(1).normal(0, 0.3, before.shape))
+    )
     tracks = scene.tracks
     keypoints = [tracks.pixels[one] + CORNER_PX for one in tracks.of_each_picture]
     original = [kept[tracks.point[one]] % t.m for one in tracks.of_each_picture]

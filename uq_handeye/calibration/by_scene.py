@@ -131,7 +131,10 @@ def _robot(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
     else:
         poses = frozen_poses(robot, "robot")
     if poses.ndim != 3 or len(poses) != n:
-        raise InputError(f"Expected a robot pose for each of {n} pictures, got {len(poses)}.")
+        raise InputError(
+            f"Expected a robot pose for each of {n} pictures, got {len(poses)}. Remove pictures without a pose "
+            "and poses without a picture."
+        )
     return np.asarray(poses)
 
 

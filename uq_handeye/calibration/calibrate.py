@@ -34,6 +34,7 @@ from ..fit.one_model.request import Request, documented
 from ..model.camera.adjustment.linearised import with_pictures
 from ..model.error_terms.keys import CAMERA_SCALE
 from ..model.error_terms.sizes import Size
+from ..model.noise.models import PoseNoise
 from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
@@ -243,7 +244,12 @@ def _with_open_scale(
 ) -> Calibration:
     """Return X of camera poses of unknown scale: one more unknown, about which the poses are scaled again."""
     of_scene = isinstance(data, PosePairs) and data.scene is not None
-    if not isinstance(data, PosePairs) or (data.camera_known and not of_scene) or request.noise is not None:
+    noise = request.noise
+    if of_scene and noise is not None and (noise.ITEM != "pose" or noise.sides.get("camera") is not None):
+        raise InputError(
+            "The noise of camera poses of a scene comes from its pictures. Give that of the robot poses alone."
+        )
+    if not isinstance(data, PosePairs) or (not of_scene and (data.camera_known or noise is not None)):
         raise InputError(
             "An unknown scale of the camera needs camera poses of another program and estimated noise: motions, "
             "corners of a board and given noise have a scale. Leave out camera_scale (--camera-scale), or the noise."
@@ -259,7 +265,10 @@ def _with_open_scale(
         )
     opened = request.with_scale(data.intrinsics_covered)
     for _ in range(5):  # times at most that the camera poses are scaled
-        result, findings = _found(opened, data.scaled(factor), selection, said)
+        scaled = data.scaled(factor)
+        if isinstance(noise, PoseNoise):
+            opened = replace(opened, noise=replace(noise, camera=scaled.camera_covariance))
+        result, findings = _found(opened, scaled, selection, said)
         (error,) = [one for one in result.shared_at_sizes if one.key == CAMERA_SCALE]
         # the poses used are (1 + e) times as large as true ones
         if abs(error.estimate) < max(0.1 * error.sd, 1e-6):  # or rounding

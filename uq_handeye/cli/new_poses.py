@@ -96,6 +96,8 @@ class NewPoses:
             if given := self.board.given:
                 raise InputError(f"{', '.join(given)}: needs pictures. Add --images 'PATTERN'.")
             return None
+        if (require := getattr(stored.data, "require_board", None)) is not None:
+            require("A comparison with new pictures")
         camera = getattr(stored.data, "camera_calibration", None)
         if camera is None:
             raise InputError(

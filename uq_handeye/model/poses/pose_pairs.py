@@ -232,6 +232,14 @@ class PosePairs:
         """Covariance that the camera poses come with, from corners or from points in 3-D."""
         return self.camera_covariance if self.camera_calibration is None else self.camera_calibration.covariance
 
+    def require_board(self, question: str) -> None:
+        """Raise `InputError` where the target is a scene: its frame and unit are those of one run."""
+        if self.scene is not None:
+            raise InputError(
+                f"{question} takes no result by a scene, whose frame and unit are new with other pictures. Calibrate "
+                "the new pictures with --scene, and compare both: uq-handeye diff OLD NEW."
+            )
+
     @property
     def camera_known(self) -> bool:
         """True if the camera poses come with their covariance."""

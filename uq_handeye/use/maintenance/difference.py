@@ -156,7 +156,9 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str 
     _require_other_poses(old, new, data)
     if len(same):
         _require_consistent(named, old, new, data)
-    numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
+    # W of a scene is that of a frame which each run of its pictures has of its own
+    of_scene = any(getattr(result.data, "scene", None) is not None for result in (old, new))
+    numbers = 12 if old.covariance_W is not None and new.covariance_W is not None and not of_scene else 6
     known = named | _same_camera(data)
     S = difference_covariance(old, new, known) if numbers == 12 else None
     how = INDEPENDENT if S is None else POSTERIOR

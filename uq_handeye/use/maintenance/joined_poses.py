@@ -88,6 +88,7 @@ def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) 
 
 def require_joinable(old: PosePairs, new: PosePairs) -> None:
     """Raise `InputError` where the poses are of another setup or unit, or were there before."""
+    old.require_board("An update")
     if new.robot.ndim != 3:
         raise InputError(f"Expected new poses of one data set, (m, 4, 4), got shape {new.robot.shape}.")
     if new.setup != old.setup:
