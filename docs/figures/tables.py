@@ -141,6 +141,9 @@ SCENES = {
     "optical": "rotations about the optical axis only", "one_axis": "tilts about one axis only",
 }  # fmt: skip
 
+# Findings of pictures in words.
+SAID = {"scene.gripper": "gripper masked", "scene.moved": "the object that moved, with its pictures"}
+
 
 def of_scenes() -> dict[str, Any]:
     """Return what the study of scenes measured."""
@@ -170,7 +173,8 @@ def scenes() -> str:
             said = "refused: " + one["refused"].partition(":")[0].partition(".")[0]
             rows.append([words, "", "", "", "", said + (f", {one['in_order']} of 20 right" if one["in_order"] else "")])
             continue
-        named = "".join(f"row {k} rejected" for k in one["rejected"])
+        named = ", ".join(f"row {k} rejected" for k in one["rejected"])
+        named = ", ".join(filter(None, [named, *(words for code, words in SAID.items() if code in one["findings"])]))
         numbers = [f"{rms(lines, 'mm'):.2f} mm, {rms(lines, 'deg'):.3f} deg", f"{rms(lines, 'stated_mm'):.2f} mm"]
         said = named if one["usable"] else "NOT USABLE"
         rows.append([words, f"{one['pictures']} of {one['of']}", *numbers, share_inside(lines), said])

@@ -172,6 +172,8 @@ def test_a_scene_is_read_as_it_was_written(scene, tmp_path):
     K = uq.read_intrinsics(str(tmp_path / "scene" / "intrinsics.yaml"))
     assert K.values["fx"] == pytest.approx(scene.intrinsics["fx"])
     uq.write_pose_file(tmp_path / "robot.csv", scene.robot)
+    done = run("calibrate", "robot.csv", "--camera", "left=scene", "--camera", "right=scene", cwd=tmp_path)
+    assert done.returncode == 2 and "Calibrate each camera alone" in done.stderr
     pairs = uq.read_poses(tmp_path / "robot.csv", tmp_path / "scene")
     assert pairs.scene == scene.facts
     assert d2(uq.calibrate(pairs)) < 16.8

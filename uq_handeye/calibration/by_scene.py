@@ -165,7 +165,7 @@ class _Run:
         if 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
             # A gripper may have nearly all of the strong features. What is in the hand covers a background, no gripper.
             gripper = seen.still_region() if self.setup == "eye-in-hand" else None
-            if gripper is not None and not gripper.all():
+            if gripper is not None:
                 mask = colmap.write_mask(gripper, mask, folder / "mask.png")
                 self.findings.append(Finding("scene.gripper", "note", {"share": float(gripper.mean())}))
             if gripper is not None or not seen.weak:

@@ -126,7 +126,7 @@ class Matched:
         return still / max(still + sum(self.verified.values()), 1)
 
     def still_region(self) -> NDArray[np.bool_] | None:
-        """Where the pictures show what stands still in them, (height, width); None where nothing does."""
+        """Where the pictures show what stands still in them, (height, width); None where nothing does, or most."""
         width, height = self.image_size
         cells = (-(-height // CELL_PX), -(-width // CELL_PX))
         still, every = np.zeros(cells), np.zeros(cells)
@@ -136,7 +136,7 @@ class Matched:
             np.add.at(every, (row, column), 1.0)
             np.add.at(still, (row, column), count >= often)
         region = (still > 0.5 * every) & (still >= STILL_SHARE * len(self.names))
-        if not region.any():
+        if not 0.0 < region.mean() < 0.6:  # no gripper leaves so little: the camera did not move
             return None
         region = np.pad(region, 3, mode="edge")
         # no holes, and a rim for features that reach beyond their centre

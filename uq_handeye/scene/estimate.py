@@ -19,6 +19,8 @@ from .poses import as_poses, similarity
 
 # Fewest points of a picture, and fewest pictures of a scene.
 MIN_POINTS, MIN_PICTURES_OF_SCENE = 8, 6
+# Matches of two pictures that make a scene if these are from two places.
+MANY_MATCHES = 100
 # Share of stationary matches that is said, and that is an error where there is no scene.
 MANY_STATIONARY = 0.5
 # Lenses beyond these are none: |fx / fy - 1|, and |p1| or |p2|.
@@ -129,6 +131,11 @@ def no_scene(seen: Matched, setup: str) -> InputError:
             f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures "
             "move with the hand. Let the hand carry a rigid textured object that fills 10 % of the picture or more, "
             "rotate it about two axes; or use a board."
+        )
+    if most >= MANY_MATCHES:
+        return InputError(
+            f"The pictures match ({most} matches between the best two of {len(seen.names)}), but do not make one scene: "
+            "they may be from one place. Move the camera by a third of the distance to the scene, all around it."
         )
     return InputError(
         f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures. Put "

@@ -34,8 +34,8 @@ def _(
 @sentence("scene.stationary", check=CAMERA, phrase="{share:pct.0f} % of matches stand still in the picture", effect=1.5)
 def _(share: float) -> str:
     return (
-        f"{100 * share:.0f} % of what matches stands still in the picture: the gripper, not the scene. Show more of "
-        "the scene, or mask the gripper (--mask)."
+        f"{100 * share:.0f} % of what matches stands still in the picture: the gripper, or a camera that did not move. "
+        "Show more of the scene from other places, or mask the gripper (--mask)."
     )
 
 

@@ -149,6 +149,11 @@ def read_rows(
     Raises `InputError` for a file that cannot be read, holds the other side only, or leaves several readings.
     """
     if role == "camera" and (seen := known_camera(path)) is not None:
+        if seen.scene is not None:
+            raise InputError(
+                f"{seen.name} holds poses in the unit of a scene, which several cameras cannot share. Calibrate each "
+                "camera alone (uq-handeye calibrate ROBOT FOLDER), or all of them by boards."
+            )
         found = seen.seen
         rows, S = tuple(np.asarray(found.rows).tolist()), found.covariance
         own, shared = (S.own, S.shared) if isinstance(S, JointCovariance) else (S.blocks, None)
