@@ -245,7 +245,7 @@ def _with_open_scale(
     """Return X of camera poses of unknown scale: one more unknown, about which the poses are scaled again."""
     of_scene = isinstance(data, PosePairs) and data.scene is not None
     noise = request.noise
-    if of_scene and noise is not None and (noise.ITEM != "pose" or noise.sides.get("camera") is not None):
+    if of_scene and noise is not None and (not isinstance(noise, PoseNoise) or noise.camera is not None):
         raise InputError(
             "The noise of camera poses of a scene comes from its pictures. Give that of the robot poses alone."
         )
