@@ -134,8 +134,8 @@ def no_scene(seen: Matched, setup: str) -> InputError:
         )
     if most >= MANY_MATCHES:
         return InputError(
-            f"The pictures match ({most} matches between the best two of {len(seen.names)}), but do not make one scene: "
-            "they may be from one place. Move the camera by a third of the distance to the scene, all around it."
+            f"The pictures match ({most} matches between the best two of {len(seen.names)}), but do not make one "
+            "scene: they may be from one place. Move the camera by a third of the distance to the scene, all around it."
         )
     return InputError(
         f"The pictures do not make one scene: {most} matches between the best two of {len(seen.names)} pictures. Put "
