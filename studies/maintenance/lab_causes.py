@@ -22,6 +22,7 @@ import numpy as np
 
 import uq_handeye as uq
 from studies.one_model.chains import Array
+from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.model.shared_errors.shared_error import SharedError
 from uq_handeye.use.maintenance.causes import CAMERA_MOVED, FOCAL_LENGTH, TARGET_MOVED
@@ -96,24 +97,24 @@ def of_rig(k: int, cameras: int) -> dict[str, dict[str, float]]:
         X[name] = truth.X.copy()
         X[name][:3, 3] += 0.1 * j * truth.X[:3, 0]
 
-    def rig(rows: Array, change: str) -> uq.Rig:
+    def rig(rows: list[int], change: str) -> uq.Rig:
         views, robot, seed = [], _noisy(G[rows], G[rows], setup, rng).robot, int(rng.integers(1 << 31))
         for name in names:
             of_part = change.startswith("target") or name == names[1]
             direction = np.random.default_rng(seed)  # one of all cameras
             C = _changed(change if of_part else "nothing", X[name], W, G[rows], setup, direction)
-            views.append(uq.View(name, "board", _noisy(C, C, setup, rng).camera, tuple(rows.tolist())))
-        arm = uq.ArmPoses(robot, tuple(rows.tolist()))
-        return uq.Rig({"arm": arm}, dict.fromkeys(names, on_arm), {"board": in_world}, views)
+            views.append(uq.View(name, "board", _noisy(C, C, setup, rng).camera, tuple(rows)))
+        arm = uq.ArmPoses(robot, tuple(rows))
+        return uq.Rig({"arm": arm}, dict.fromkeys(names, on_arm), {"board": in_world}, tuple(views))
 
-    result = uq.calibrate(rig(np.arange(N_CALIBRATED), "nothing"))
+    result = calibrate_rig(rig(list(range(N_CALIBRATED)), "nothing"))
     while True:
         rows = N_CALIBRATED + rng.permutation(N_CANDIDATES)[:N_CHECKED]
         if np.ptp(truth.camera[rows, 2, 3]) >= MIN_DEPTH_SPREAD_M:
             break
     found = {}
     for change, cause in TRUTH.items():
-        check = uq.check(result, rig(rows, change))
+        check = uq.check(result, rig(rows.tolist(), change))
         part = "board" if cause == TARGET_MOVED else names[1]
         found[change] = {cause if (one.name, one.of) == (cause, part) else f"{one.name} of {one.of}": one.probability
                          for one in check.causes}  # fmt: skip

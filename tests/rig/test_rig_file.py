@@ -371,7 +371,7 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
     assert {one.name for one in (path / "out").iterdir()} == {"rig.json", "rig.txt", "report.html"}
     page = (path / "r.html").read_text()
     for text in ("Both cameras", "left_T_right", "gripper_T_left", "Cell 4", "left: PASS", "Paths that should agree",
-                 '<ellipse class="ring"', "left sees target 15 times", "Chi-square of the residuals"):  # fmt: skip
+                 '<ellipse class="ring"', "left sees target 15 times", "Residuals: chi-square"):  # fmt: skip
         assert text in page, text
     ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + 6])
     assert run("report", path / "out" / "rig.json", path / "again.html") == 0
@@ -403,7 +403,7 @@ def test_a_rig_that_is_not_determined_says_so_in_its_report():
     rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1)
     rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
     page = rig_html(calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
-    assert "Not determined in all directions: left" in page and "stroke-dasharray" in page
+    assert "Not determined: 1 direction, of left" in page and "stroke-dasharray" in page
 
 
 # ------------------------------------------------------------------------------- in use, on the command line

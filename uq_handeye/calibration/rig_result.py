@@ -12,18 +12,18 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.files.json_files import json_text
 from ..core.files.open import StrPath
-from ..core.formatting.numbers import probability
+from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_SD_M, Transform, with_open
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.rig.description import WORLD
 from .estimate.rig_poses import RigPoses
 from .prediction.points_of_cameras import RigPoints, predict_points
+from .report import rig_sections as rig_sections  # registers the text of a rig
 from .rig_result_file import from_dict, to_dict
 from .stored_result import StoredResult
 
@@ -32,30 +32,9 @@ from .stored_result import StoredResult
 class RigCalibration(RigPoses, StoredResult):
     """All poses of a rig with their joint covariance, and operations on them; attributes as `RigPoses`."""
 
-    def text(self) -> str:
-        """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
-        short = {str(one): f"{one.phrase}." for one in self.findings}
-        lines = [f"NOT USABLE: {short.get(reason, reason)}" for reason in self.reasons]
-        lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
-        for one in self.split or self.every:  # where a pose moved, those of all views together are neither
-            turn, shift = one.sizes
-            at = ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3])
-            said = [f"{np.degrees(turn):.4f} deg" if np.isfinite(turn) else "open",
-                    f"{1e3 * shift:.3f} mm" if np.isfinite(shift) else "open"]  # fmt: skip
-            lines.append(f"{one.frame:<28} {at:<34} {said[0]:>11} {said[1]:>11} {one.count or '':>6}")
-        lines.append(
-            f"Errors are root mean squares of their length. Chi-square {self.chi_square:.0f} of {self.dof:.0f}."
-        )
-        if len(self.open):
-            names = ", ".join(one.name for one in self.singles if len(one.open))
-            count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
-            lines.append(f"Not determined: {count}, of {names}. The robot poses turn about too few axes.")
-        if self.paths:
-            least = min(self.paths, key=lambda path: path.p)
-            lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
-        lines.append(self.optimality.words)
-        lines += self.warnings
-        return "\n".join([*lines, *self.rejected_words])
+    def text(self, verbose: bool = False) -> str:
+        """Return the answer, the poses with the sizes of their errors, and the checks; ``verbose``: all sections."""
+        return to_text(document_of(self, verbose=verbose), COLUMNS)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts: poses by name, relative poses, and all that `from_dict` reads; see `files`."""

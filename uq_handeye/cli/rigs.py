@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError, NotConvergedError
 from .delivery import Wanted, deliver, deliver_answer, emit_refusal
 from .exit_status import ExitStatus
-from .messages import given_options, quiet, timed, withheld
+from .messages import given_options, quiet, timed, verbose, withheld
 from .names import AT_THE_BOUND, PAIRINGS, ROBOT_CLASSES, SETUP_NAMES
 from .noise import noise_of_rig, without_poses
 from .pose_files import OF_FILE, values_of_files
-from .printing import emit
+from .printing import emit, emit_document
 from .rig_files import OF_FILES, named_files
 from .stored import refuse
 from .values import by_names, coordinates, one_of
@@ -167,11 +167,13 @@ def _reading(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ..core.files.json_files import signed_text
+    from ..core.presentation.document import Paragraph, document_of
     from ..report.decision import badges_of, verdicts_of_rig
 
     verdicts = verdicts_of_rig(result, wanted.tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
+    document = [*document_of(result, verbose=verbose()), [Paragraph(one, hang="  ") for one in said]]
     written = ""
     badges = badges_of(verdicts)
     if (output := outputs.output) is not None:
@@ -201,7 +203,8 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
         rows = ((name, " ".join(map(repr, one.pose.ravel().tolist()))) for name, one in result.cameras.items())
         emit("".join(f"{name} {row}\n" for name, row in rows))
     else:
-        emit(text + written)
+        emit_document(document)
+        emit(written)
     if result.reasons:
         return ExitStatus.NOT_USABLE
     if any(not verdict.passed for verdict in verdicts.values()):

@@ -7,27 +7,27 @@ all directions is not certified: the page states no pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from ..calibration.estimate.error_of_X import points_of, radius_95
+from ..calibration.report.rig_sections import FRAMES, certified_poses, expanded, headline, rig_parts
 from ..calibration.rig_result import RigCalibration
-from ..calibration.statement.tolerance import Verdict, percent
+from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import ABOUT
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.formatting.numbers import digits, probability
-from ..core.geometry.rotations import Rotation
 from ..core.numbers.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
+from ..core.presentation.sections import selected
 from ..model.poses.estimated_pose import EstimatedPose
 from .budget import LEVEL
 from .certificate_form import Form, refused
 from .decision import RULE, badges_of
-from .rig_page import FRAMES, headline, noise_table, rig_sketch
+from .rig_page import rig_sketch
 from .statements import ERROR_MODEL, VALIDITY
 
 
@@ -64,16 +64,13 @@ class RigCertificate(Form):
             "optimality": result.optimality.to_dict(), "error_model": ERROR_MODEL, "validity": VALIDITY,
         }  # fmt: skip
         if self.certified:
-            found["poses"] = {one.name: self._stated(one) for one in self._poses()}
+            found["poses"] = {one.name: self._stated(one) for one in certified_poses(result)}
             found["relative"] = {one.frame: self._stated(one) for one in result.pairs}
         return found
 
     def _stated(self, one: EstimatedPose) -> JsonObject:
         shift, turn = expanded(self.result, one)
         return one.to_dict() | {"expanded": {"level": LEVEL, "translation": plain(shift), "rotation": plain(turn)}}
-
-    def _poses(self) -> list[EstimatedPose]:
-        return [*self.result.cameras.values(), *self.result.targets.values(), *list(self.result.arms.values())[1:]]
 
     def _conditions(self) -> list[tuple[str, str]]:
         result, rig = self.result, self.result.rig
@@ -99,53 +96,24 @@ class RigCertificate(Form):
         return [refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]
 
     def _first(self) -> list[Section]:
-        said: list[Block] = [Answer(*headline(self.result))]
-        said += badges_of(self.verdicts)
+        result = self.result
+        said: list[Block] = [Answer(*headline(result)), *badges_of(self.verdicts)]
         said += [Paragraph(RULE)] if self.verdicts else []
-        caption = f"Position, quaternion, and the length and angle U that {percent(LEVEL)} of the errors are within."
         return [
             Section("answer", "Result", [*said, Paragraph(f"Measurand: the poses below. {ERROR_MODEL}")], wide=True),
-            Section("rig", "The rig", [rig_sketch(self.result)], wide=True),
-            Section("poses", "Poses", [self._table(caption, self._poses())], wide=True),
+            Section("rig", "The rig", [rig_sketch(result)], wide=True),
+            *selected(rig_parts(result), ("stated",), wide=True),
         ]
 
     def _second(self) -> list[Section]:
-        result = self.result
-        pairs = self._table("From the joint covariance.", result.pairs) if result.pairs else Paragraph("None.")
-        checks = [f"Residuals: chi-square {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."]
-        if result.paths:
-            least = min(result.paths, key=lambda path: path.p)
-            checks.append(f"{len(result.paths)} paths; the least likely: {least.words}, {probability(least.p)}.")
+        parts = rig_parts(self.result)
         return [
-            Section("pairs", "Relative poses of the cameras", [pairs], wide=True),
+            *selected(parts, ("stated-pairs",), wide=True),
             self._measured(),
-            Section("checks", "Checks", [Points([*checks, result.optimality.words])]),
-            Section("noise", "Noise", noise_table(result)),
+            *selected(parts, ("checks", "noise")),
             Section("validity", "Validity", [Paragraph(VALIDITY), Paragraph(FRAMES)], wide=True),
         ]
 
     def _measured(self) -> Section:
         rows = [[name, text] for name, text in self._conditions()]
         return Section("conditions", "Conditions", [Table("", ["", ""], rows, frozenset({1}))])
-
-    def _table(self, caption: str, poses: Sequence[EstimatedPose]) -> Table:
-        rows = []
-        for one in poses:
-            q = Rotation.from_matrix(one.pose[:3, :3]).as_quat()
-            shift, turn = expanded(self.result, one)
-            sizes = [digits(1e3 * shift, 2) if np.isfinite(shift) else "open",
-                     digits(float(np.degrees(turn)), 2) if np.isfinite(turn) else "open"]  # fmt: skip
-            rows.append([one.frame, *(f"{1e3 * x:.3f}" for x in one.pose[:3, 3]), *(f"{x:.6f}" for x in q), *sizes])
-        return Table(caption, ["pose", "x (mm)", "y (mm)", "z (mm)", "qx", "qy", "qz", "qw", "U (mm)", "U (deg)"], rows)
-
-
-def expanded(result: RigCalibration, one: EstimatedPose) -> tuple[float, float]:
-    """Length (m) and angle (rad) that 95 % of the errors of position and rotation are within; infinite where open."""
-    if len(one.open):
-        opened = [float(np.abs(one.open[:, part]).max()) > 1e-9 for part in (slice(3, 6), slice(0, 3))]
-    else:
-        opened = [False, False]
-    xi = points_of(one.covariance, result.reference, None)
-    sizes = [radius_95(xi[:, 3:]), radius_95(xi[:, :3])]
-    shift, turn = (float("inf") if is_open else size for size, is_open in zip(sizes, opened, strict=True))
-    return shift, turn

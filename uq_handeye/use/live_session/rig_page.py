@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...calibration.report.rig_sections import headline, poses_table
 from ...calibration.rig_result import RigCalibration
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 PALETTE: tuple[Colour, ...] = tuple(map(rgb, (BLUE, AMBER, GREEN, PURPLE, SKY, ORANGE)))
 # Sides of their labels, so that those of neighbours keep clear.
 ANCHORS: tuple[Anchor, ...] = ("center-right", "bottom-center", "top-left")
+
+
+# Columns of the table of poses that the panel has room for: frame, sizes of the errors, number of views.
+COLUMNS_OF_POSES = (0, 4, 5, 6)
 
 
 class RigScene:
@@ -104,7 +109,8 @@ class RigPage(BrowserPage):
     def __init__(self, result: RigCalibration, host: str = HOST, port: int = PORT) -> None:
         super().__init__(host, port)
         self.result = result
-        self._gui.add_html(panel("rig", result))
+        words = f"Rig of {result.rig.words}"
+        self._gui.add_html(panel("rig", words, headline(result), poses_table(result), COLUMNS_OF_POSES))
         self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1

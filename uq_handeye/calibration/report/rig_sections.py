@@ -1,0 +1,275 @@
+"""The sections of a rig calibration in one order: answer, poses, tests, residuals, noise, and the numbers in full.
+
+Terminal, ``-v``, notebook, live panel, report and certificate select from this list (`core.presentation.sections`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...core.formatting.numbers import concise, digits, probability
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ...core.geometry.conventions import CONVENTION
+from ...core.geometry.rotations import Rotation
+from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED, INTERVAL
+from ...core.presentation.document import Answer, Badge, Block, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.sections import Part, selected, text_of
+from ...fit.graph.graph import Graph
+from ...model.poses.estimated_pose import EstimatedPose
+from ..estimate.error_of_X import points_of, radius_95
+from ..estimate.rig_poses import RigPoses
+from ..statement.tolerance import percent
+from .facts import numbers_of
+
+# The headline is a caution where a larger share of the views is rejected.
+MAX_REJECTED_VIEWS = 0.1
+# Sections of the terminal, and of the text with all numbers.
+SCREEN = ("answer", "poses", "pairs", "checks")
+LONG = (*SCREEN, "views", "noise", "sizes", "paths", "largest", "numbers", "conventions")
+
+
+def rig_parts(result: RigPoses, verdicts: Sequence[Badge] = ()) -> tuple[Part, ...]:
+    """Return all sections of a `RigCalibration` in their order; ``verdicts``: whether cameras meet a tolerance."""
+    return (
+        Part("answer", "Result", lambda: _answer(result, verdicts)),
+        Part("poses", "Poses", lambda: [poses_table(result)]),
+        Part("stated", "Poses", lambda: [stated_table(result, certified_poses(result))]),
+        Part("pairs", "Relative poses of the cameras", lambda: _pairs(result)),
+        Part("stated-pairs", "Relative poses of the cameras", lambda: _stated_pairs(result)),
+        Part("checks", "Checks", lambda: [Points(_checks(result))]),
+        Part("views", "Residuals by camera and target", lambda: [_by_pair(result)]),
+        Part("noise", "Noise", lambda: noise_table(result)),
+        Part("sizes", "Sizes of all errors", lambda: _sizes(result)),
+        Part("paths", "Paths that should agree", lambda: _paths(result)),
+        Part("certificate", "Certificate of the global minimum", lambda: _optimality(result)),
+        Part("largest", "Views with the largest residuals", lambda: [_largest(result)]),
+        Part("numbers", "Poses and standard deviations in full", lambda: [_in_full(result)]),
+        Part("conventions", "Conventions", lambda: [Paragraph(f"{CONVENTION}. {FRAMES}")]),
+    )
+
+
+@document_of.register(RigPoses)
+def rig_document(result: RigPoses, verbose: bool = False, verdicts: Sequence[Badge] = ()) -> Document:
+    """Return the text of a rig: answer, poses and checks; ``verbose``: all sections."""
+    return text_of(selected(rig_parts(result, verdicts), LONG if verbose else SCREEN), untitled=("answer",))
+
+
+FRAMES = (
+    "The world is the base of the first arm. gripper_T_NAME is the pose of a camera or target in the flange that "
+    "carries it, world_T_NAME of one that stands still, A_T_B of B in the frame of A."
+)
+
+
+def headline(result: RigPoses) -> tuple[str, str]:
+    """Return the headline of a rig, with its status: ok, caution or failed."""
+    if result.reasons:
+        short = {str(one): f"{one.phrase}." for one in result.findings}
+        return f"NOT USABLE: {short.get(result.reasons[0], result.reasons[0])}", "failed"
+    if len(result.open):
+        names = ", ".join(one.name for one in result.singles if len(one.open))
+        count = "1 direction" if len(result.open) == 1 else f"{len(result.open)} directions"
+        return f"Not determined: {count}, of {names}. The robot poses turn about too few axes.", "caution"
+    known = {name: one.sizes for name, one in result.cameras.items()}
+    shift = max(known, key=lambda name: known[name][1])
+    turn = max(sizes[0] for sizes in known.values())
+    least = f"{digits(MM_PER_M * known[shift][1], 2)} mm and {digits(DEG_PER_RAD * turn, 2)} deg"
+    count = "Both" if len(known) == 2 else f"All {len(known)}"
+    whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
+    text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
+    caution = any(finding.severity == "caution" for finding in result.findings)
+    caution = caution or result.p_value < CONTRADICTED.probability
+    return text, "caution" if caution or _many_rejected(result) else "ok"
+
+
+def _many_rejected(result: RigPoses) -> bool:
+    return len(result.rejected) > MAX_REJECTED_VIEWS * len(result.weights)
+
+
+def _answer(result: RigPoses, verdicts: Sequence[Badge]) -> list[Block]:
+    blocks: list[Block] = [Answer(*headline(result)), *verdicts]
+    if result.p_value < CONTRADICTED.probability:
+        blocks.append(Paragraph("The residuals are larger than the noise says: the errors are larger than stated."))
+    if _many_rejected(result):
+        blocks.append(Paragraph(f"{len(result.rejected)} of {len(result.weights)} views were rejected."))
+    said = [Points.of_findings(result.findings)] if result.findings else []
+    others = [reason for reason in result.reasons if reason not in map(str, result.findings)]
+    lines = [*others, *result.rejected_words]
+    return [*blocks, *said, *([Points(lines)] if lines else [])]
+
+
+def _checks(result: RigPoses) -> list[str]:
+    found = [f"Residuals: chi-square {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."]
+    if result.paths:
+        least = min(result.paths, key=lambda path: path.p)
+        found.append(f"{len(result.paths)} paths; the least likely: {least.words}, {probability(least.p)}.")
+    return [*found, result.optimality.words]
+
+
+_HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
+
+
+def _rows(poses: Sequence[EstimatedPose]) -> list[list[str]]:
+    return [[one.frame, *(f"{MM_PER_M * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
+
+
+def poses_table(result: RigPoses) -> Table:
+    """Return the poses with the lengths of their errors; what moved before and after the move."""
+    shown = result.split or result.singles  # where a pose moved, that of all views together is neither
+    rows = [[*row, str(one.count or "")] for row, one in zip(_rows(shown), shown, strict=True)]
+    caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
+    if result.split:
+        caption += " What moved has a pose before and one after the move, NAME@MOMENT."
+    return Table(caption, [*_HEAD, "views"], rows)
+
+
+def _pairs(result: RigPoses) -> list[Block]:
+    if not result.pairs:
+        return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
+    caption = "From the joint covariance: errors that both share cancel, which separate calibrations do not know."
+    return [Table(caption, _HEAD, _rows(result.pairs))]
+
+
+def _residuals(result: RigPoses) -> tuple[Graph, Array, Array]:
+    """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
+    graph = Graph.of(result.rig)
+    r = graph.linearise(result.poses).r
+    return graph, DEG_PER_RAD * np.linalg.norm(r[:, :3], axis=1), MM_PER_M * np.linalg.norm(r[:, 3:], axis=1)
+
+
+def _by_pair(result: RigPoses) -> Table:
+    graph, turn, shift = _residuals(result)
+    rows: list[list[str]] = []
+    marked: set[int] = set()
+    pairs = np.array([f"{view.camera}, {view.target}" for view in result.rig.views])[graph.view]
+    for pair in dict.fromkeys(pairs.tolist()):
+        of = pairs == pair
+        kept = of & (result.weights > 0) if (result.weights[of] > 0).any() else of
+        if (square := float(result.distances[kept].mean()) / 6) > 2:
+            marked.add(len(rows))
+        sizes = [digits(float(np.sqrt((values[kept] ** 2).mean())), 2) for values in (shift, turn)]
+        rows.append([pair, str(of.sum()), str((result.weights[of] == 0).sum()), *sizes, f"{square:.2f}"])
+    return Table(
+        "Root mean square of the residuals of the views that count; d^2/6 is 1 on average if the noise is as stated.",
+        ["camera, target", "views", "rejected", "position (mm)", "rotation (deg)", "d^2/6"], rows,
+        marked=frozenset(marked),
+    )  # fmt: skip
+
+
+def noise_table(result: RigPoses) -> list[Block]:
+    """Return the standard deviations of arms and cameras."""
+    rows = [
+        [name, digits(MM_PER_M * sizes[1], 2), digits(DEG_PER_RAD * sizes[0], 2)]
+        for name, sizes in result.noise.items()
+    ]
+    how = "estimated from the views" if result.components else "as given"
+    caption = f"Standard deviations of one pose per axis, {how}."
+    return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
+
+
+def _sizes(result: RigPoses) -> list[Block]:
+    if not result.components:
+        return [Paragraph("Not estimated: the noise was given.", empty=True)]
+    parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
+             for part in result.components]  # fmt: skip
+    caption = "Noise, and errors that all poses of their owner share, with 95 % intervals."
+    return [Table(caption, ["error", "size", "from", "to"], parts)]
+
+
+def _sized(value: float, unit: str) -> str:
+    factor, shown = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}.get(
+        unit, (100.0, "%") if not unit else (1.0, unit)
+    )
+    return f"{digits(factor * value, 2)} {shown}"
+
+
+def _paths(result: RigPoses) -> list[Block]:
+    if not result.paths:
+        return [Paragraph("No two ways lead to one pose.", empty=True)]
+    ordered = sorted(result.paths, key=lambda path: path.p)
+    rows = [[path.words, digits(MM_PER_M * float(np.linalg.norm(path.change[3:])), 2),
+             digits(DEG_PER_RAD * float(np.linalg.norm(path.change[:3])), 2), f"{path.chi_square:.1f} of {path.dof}",
+             probability(path.p)] for path in ordered]  # fmt: skip
+    return [
+        Table(
+            "Two ways to one pose and how far they differ; a probability far below one over their number says that "
+            "something did not stand still.",
+            ["pose", "position (mm)", "rotation (deg)", "chi-square", "probability"], rows,
+        )
+    ]  # fmt: skip
+
+
+def _optimality(result: RigPoses) -> list[Block]:
+    of = result.optimality
+    rows = [["proven", "yes" if of.proven else "no"],
+            ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
+            ["estimate from the minimum of the isotropic problem (standard deviations)",
+             "not known" if of.distance is None else digits(of.distance, 2)],
+            ["local minima that the bound rejected before", str(of.rejected)]]  # fmt: skip
+    return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
+
+
+def _largest(result: RigPoses) -> Table:
+    graph, turn, shift = _residuals(result)
+    rows = []
+    for e in np.argsort(-result.distances)[:60].tolist():
+        view = result.rig.views[graph.view[e]]
+        rows.append([f"{view.camera}, {view.target}", str(view.at[graph.row[e]]), digits(float(shift[e]), 2),
+                     digits(float(turn[e]), 2), f"{float(result.distances[e]) / 6:.2f}",
+                     digits(float(result.weights[e]), 2)])  # fmt: skip
+    return Table(
+        f"The {len(rows)} views with the largest distance, of {len(turn)}.",
+        ["camera, target", "robot pose", "position (mm)", "rotation (deg)", "d^2/6", "weight"], rows,
+    )  # fmt: skip
+
+
+def _in_full(result: RigPoses) -> Table:
+    rows = [
+        [one.frame, *(concise(fact.value, fact.sd) for fact in numbers_of(one.pose, one.covariance, one.open))]
+        for one in result.every
+    ]
+    return Table(
+        "Translation and rotation vector, with one standard deviation in brackets. Matrices and the joint covariance "
+        "are in the result file.",
+        ["pose", "x (mm)", "y (mm)", "z (mm)", "rx (deg)", "ry (deg)", "rz (deg)"],
+        rows,
+    )
+
+
+def certified_poses(result: RigPoses) -> list[EstimatedPose]:
+    """Return the poses that a certificate states: cameras, targets, and the bases of all arms but the first."""
+    return [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
+
+
+def stated_table(result: RigPoses, poses: Sequence[EstimatedPose]) -> Table:
+    """Return poses with their quaternions and what 95 % of their errors are within."""
+    rows = []
+    for one in poses:
+        q = Rotation.from_matrix(one.pose[:3, :3]).as_quat()
+        shift, turn = expanded(result, one)
+        sizes = [digits(MM_PER_M * shift, 2) if np.isfinite(shift) else "open",
+                 digits(DEG_PER_RAD * turn, 2) if np.isfinite(turn) else "open"]  # fmt: skip
+        rows.append([one.frame, *(f"{MM_PER_M * x:.3f}" for x in one.pose[:3, 3]), *(f"{x:.6f}" for x in q), *sizes])
+    caption = (
+        f"Position, quaternion, and the length and angle U that {percent(INTERVAL.probability)} of the errors are "
+        "within, from the joint covariance."
+    )
+    return Table(caption, ["pose", "x (mm)", "y (mm)", "z (mm)", "qx", "qy", "qz", "qw", "U (mm)", "U (deg)"], rows)
+
+
+def _stated_pairs(result: RigPoses) -> list[Block]:
+    return [stated_table(result, result.pairs)] if result.pairs else [Paragraph("None.")]
+
+
+def expanded(result: RigPoses, one: EstimatedPose) -> tuple[float, float]:
+    """Length (m) and angle (rad) that 95 % of the errors of position and rotation are within; infinite where open."""
+    if len(one.open):
+        opened = [float(np.abs(one.open[:, part]).max()) > 1e-9 for part in (slice(3, 6), slice(0, 3))]
+    else:
+        opened = [False, False]
+    xi = points_of(one.covariance, result.reference, None)
+    sizes = [radius_95(xi[:, 3:]), radius_95(xi[:, :3])]
+    shift, turn = (float("inf") if is_open else size for size, is_open in zip(sizes, opened, strict=True))
+    return shift, turn
