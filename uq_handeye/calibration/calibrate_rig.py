@@ -135,15 +135,8 @@ def _with_declared(task: Task, noise: RigNoise) -> RigNoise:
     """Return noise that was given, with the columns of the errors that were declared beside it."""
     if not task.request.shared:
         return noise
-    keys, K = list(noise.keys), {"robot": [noise.K_robot], "camera": [noise.K_camera]}
-    for part in components_of(task.rig, task.graph, True, request=task.request):
-        if part.columns is not None and declared_of(task.request.shared, part.key) is not None:
-            for side, F in (("robot", noise.K_robot), ("camera", noise.K_camera)):
-                own = part.size.median * part.columns if side == part.side else np.zeros((len(F), 6, part.count))
-                K[side].append(own)
-            keys += part.keys
-    robot, camera = (np.concatenate(K[side], axis=-1) for side in ("robot", "camera"))
-    return RigNoise(noise.robot, noise.camera, robot, camera, tuple(keys))
+    parts = components_of(task.rig, task.graph, True, request=task.request)
+    return noise.with_columns(part for part in parts if declared_of(task.request.shared, part.key) is not None)
 
 
 class Estimated(NamedTuple):

@@ -34,22 +34,19 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
 
     The noise is that of the estimated components at each new pose; where it was given, the mean of each arm and camera.
     """
-    posterior = posterior_of(result)
-    mean = {one.key: one.covariance for one in posterior.noise}
-    own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
-    K = {side: np.zeros((*S.shape[:2], len(posterior.keys))) for side, S in own.items()}
-    for part in parts_of(result, rig, graph):
-        if part.columns is not None and set(part.keys) <= posterior.place.keys():
-            K[part.side][:, :, [posterior.place[key] for key in part.keys]] = part.size.median * part.columns
-        if part.block is not None and result.components:
-            own[part.side] += part.size.median**2 * part.block @ part.block.mT
-    for k, name in enumerate([] if result.components else rig.arms):
-        own["robot"][graph.arm == k] = mean.get(given_key("robot", name), np.zeros((6, 6)))
-    for k, name in enumerate([] if result.components else rig.cameras):
-        own["camera"][k == graph.X] = mean.get(given_key("camera", name), 0.0)
+    posterior, parts = posterior_of(result), parts_of(result, rig, graph)
+    robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
+    if not result.components:
+        mean = {one.key: one.covariance for one in posterior.noise}
+        for k, name in enumerate(rig.arms):
+            robot[graph.arm == k] = mean.get(given_key("robot", name), np.zeros((6, 6)))
+        for k, name in enumerate(rig.cameras):
+            camera[k == graph.X] = mean.get(given_key("camera", name), 0.0)
+    noise = RigNoise.of_own(robot, camera).with_blocks(parts if result.components else ())
     given, some = given_covariances(rig, graph)
-    own["camera"][some] = given[some]
-    return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.keys)
+    noise = replace(noise, camera=np.where(some[:, None, None], given, noise.camera))
+    known = [part for part in parts if set(part.keys) <= posterior.place.keys()]
+    return noise.with_columns(known).in_order(posterior.keys)
 
 
 def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,8 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.error_terms.key import ErrorKey, Kind, Owner
+from ...model.error_terms.keys import INTRINSICS
+from ...model.error_terms.sizes import Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.kinematics.arm_terms import terms_of_arm
 from ...model.rig.description import Rig
@@ -42,6 +45,37 @@ class RigNoise(ReadOnlyArrays):
         """Number of shared errors m."""
         return int(self.K_camera.shape[-1])
 
+    def with_blocks(self, terms: Iterable[ErrorTerm]) -> RigNoise:
+        """Return the noise with what error terms add to each pose by itself, at the medians of their sizes."""
+        own = {"robot": self.robot.copy(), "camera": self.camera.copy()}
+        for term in terms:
+            if term.block is not None:
+                own[term.side] += term.size.median**2 * term.block @ term.block.mT
+        return replace(self, robot=own["robot"], camera=own["camera"])
+
+    def with_columns(self, terms: Iterable[ErrorTerm]) -> RigNoise:
+        """Return the noise with the columns of further error terms, at the medians of their sizes."""
+        K, keys = {"robot": [self.K_robot], "camera": [self.K_camera]}, list(self.keys)
+        for term in terms:
+            if term.columns is None:
+                continue
+            for side, columns in K.items():
+                of_side = side == term.side
+                columns.append(
+                    term.size.median * term.columns if of_side else np.zeros((len(columns[0]), 6, term.count))
+                )
+            keys += term.keys
+        robot, camera = (np.concatenate(columns, axis=-1) for columns in K.values())
+        return replace(self, K_robot=robot, K_camera=camera, keys=tuple(keys))
+
+    def in_order(self, keys: tuple[ErrorKey, ...]) -> RigNoise:
+        """Return the noise with columns for ``keys``, which contain all its own; 0 for those that it does not have."""
+        place = {key: k for k, key in enumerate(keys)}
+        at = [place[key] for key in self.keys]
+        robot, camera = (np.zeros((*K.shape[:2], len(keys))) for K in (self.K_robot, self.K_camera))
+        robot[..., at], camera[..., at] = self.K_robot, self.K_camera
+        return replace(self, K_robot=robot, K_camera=camera, keys=keys)
+
 
 def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
     """Return the noise that was given, for the poses of a graph; raises `InputError` where one is missing.
@@ -63,23 +97,13 @@ def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
             camera[np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.camera == name])] = S
     given, some = given_covariances(rig, graph)
     camera[some] = given[some]
-    of_cameras = [np.zeros((graph.E, 6, 0))]
-    keys: list[ErrorKey] = []
-    for name in rig.cameras:
-        if (columns := intrinsics_of(rig, graph, name)) is not None:
-            of_cameras.append(columns)
-            of = ErrorKey(Owner.CAMERA, Kind.INTRINSICS, name=name)
-            keys += [of.number(k + 1) for k in range(columns.shape[-1])]
-    K_camera = np.concatenate(of_cameras, axis=-1)
-    K_robot = [np.zeros((graph.P, 6, K_camera.shape[-1]))]
-    for name, arm in rig.arms.items():
-        for part in [] if arm.kinematics is None else kinematic_components(rig, graph, name):
-            if part.columns is not None:
-                K_robot.append(part.size.median * part.columns)
-                keys += part.keys
-    K = np.concatenate(K_robot, axis=-1)
-    K_camera = np.pad(K_camera, [(0, 0), (0, 0), (0, K.shape[-1] - K_camera.shape[-1])])
-    return RigNoise(robot, camera, K, K_camera, tuple(keys))
+    chains = [
+        term
+        for name, arm in rig.arms.items()
+        if arm.kinematics is not None
+        for term in kinematic_components(rig, graph, name)
+    ]
+    return RigNoise.of_own(robot, camera).with_columns([*calibrated_intrinsics(rig, graph).values(), *chains])
 
 
 def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]:
@@ -92,18 +116,21 @@ def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]
     return found, some
 
 
-def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
-    """(E, 6, q) effects of the errors of a camera's calibration on all views, 0 for other cameras; None without any."""
-    sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
-    if not sizes:
-        return None
-    if len(sizes) > 1:
-        raise InputError(f"Expected as many errors of intrinsics in all views of {name!r}, got {sorted(sizes)}.")
-    found = np.zeros((graph.E, 6, sizes.pop()))
-    for k, view in enumerate(rig.views):
-        if view.camera == name and view.intrinsics is not None:
-            of = graph.view == k
-            found[of] = view.intrinsics[graph.row[of]]
+def calibrated_intrinsics(rig: Rig, graph: Graph) -> dict[str, ErrorTerm]:
+    """Return the errors of the calibration of each camera whose views come with their effects, by its name."""
+    found = {}
+    for name in rig.cameras:
+        sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
+        if not sizes:
+            continue
+        if len(sizes) > 1:
+            raise InputError(f"Expected as many errors of intrinsics in all views of {name!r}, got {sorted(sizes)}.")
+        columns = np.zeros((graph.E, 6, sizes.pop()))
+        for k, view in enumerate(rig.views):
+            if view.camera == name and view.intrinsics is not None:
+                of = graph.view == k
+                columns[of] = view.intrinsics[graph.row[of]]
+        found[name] = ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=columns)
     return found
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array, perturb
 from ...errors import NotConvergedError
 from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
+from ...model.error_terms.keys import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
 from ...model.error_terms.sizes import SIZES, Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.poses.pose_pairs import PosePairs
@@ -47,7 +47,7 @@ from ..one_model.mode import GAIN, find_mode
 from ..one_model.request import Request
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
-from .noise import RigNoise, given_covariances, intrinsics_of, kinematic_components
+from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components
 
 # Cameras differ from their common median by this factor (1 sigma of the logarithm).
 CAMERA_SPREAD_FACTOR = 2.0
@@ -122,10 +122,8 @@ def components_of(
         for what, B in blocks:
             key = ErrorKey(Owner.CAMERA, what)
             found.append(ErrorTerm(key.of(name), "camera", SIZES[key], block=_of(own, B)))
-    calibrated = {name: K for name in cameras if (K := intrinsics_of(rig, graph, name)) is not None}
-    found += [
-        ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=K) for name, K in calibrated.items() if K.size
-    ]
+    calibrated = {name: part for name, part in calibrated_intrinsics(rig, graph).items() if name in cameras}
+    found += [part for part in calibrated.values() if part.count]
     chains = [part for name in arms if rig.arms[name].kinematics is not None
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
     noise, found = found, []
@@ -345,7 +343,9 @@ def found_of(
         if width == 1
         else ({"name": str(WIDTH), "key": WIDTH.to_dict(), "size": half, "low": half, "high": half, "unit": ""},)
     )
-    return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets), mixture.weights)
+    sized = [replace(part, size=Size(s)) for part, s in zip(parts, sizes.tolist(), strict=True)]
+    noise = RigNoise.of_own(np.zeros((graph.P, 6, 6)), given_covariances(rig, graph)[0])
+    return Found(noise.with_blocks(sized).with_columns(sized), spread, (*lines, *of_targets), mixture.weights)
 
 
 def _spread_over(graph: Graph, kept: NDArray[np.intp], most: int) -> NDArray[np.intp]:
@@ -419,22 +419,3 @@ def _covariance_of_sizes(parts: tuple[ErrorTerm, ...]) -> Array:
             for j in of[of != i]:
                 C[i, j] = np.log(free[i].size.factor) ** 2 - np.log(CAMERA_SPREAD_FACTOR) ** 2
     return C
-
-
-def _noise(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], sizes: Array) -> RigNoise:
-    own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
-    K: dict[str, list[Array]] = {"robot": [], "camera": []}
-    keys: list[ErrorKey] = []
-    own["camera"] += given_covariances(rig, graph)[0]
-    for part, s in zip(parts, sizes.tolist(), strict=True):
-        if part.block is not None:
-            own[part.side] += s * s * part.block @ part.block.mT
-        if part.columns is not None:
-            for side, n in (("robot", graph.P), ("camera", graph.E)):
-                K[side].append(s * part.columns if side == part.side else np.zeros((n, 6, part.count)))
-            keys += part.keys
-    robot, camera = (
-        np.concatenate([np.zeros((n, 6, 0)), *K[side]], axis=-1)
-        for side, n in (("robot", graph.P), ("camera", graph.E))
-    )
-    return RigNoise(own["robot"], own["camera"], robot, camera, tuple(keys))
