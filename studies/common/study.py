@@ -27,7 +27,7 @@ from uq_handeye.core.files.json_files import json_text
 from uq_handeye.core.presentation.ellipses import render
 
 Tables = Mapping[str, pd.DataFrame]
-FINDINGS, RUN = "findings.md", "run.json"
+FINDINGS, RUN, KEPT = "findings.md", "run.json", "kept.jsonl"
 _PACKAGES = ("numpy", "scipy")
 
 
@@ -35,14 +35,17 @@ _PACKAGES = ("numpy", "scipy")
 class Study:
     """``measure(full)`` gives the tables by name, the other two what follows from them.
 
-    ``name`` is that of the module; ``packages`` are those whose versions matter beside NumPy and SciPy.
+    ``name`` is that of the module; ``packages`` are those whose versions matter beside NumPy and SciPy. With
+    ``resumes``, ``measure`` also gets the file in which it keeps what it has measured, so that a run that was
+    interrupted is continued by the same command; the file is removed once the tables are written.
     """
 
     name: str
-    measure: Callable[[bool], Tables]
+    measure: Callable[..., Tables]
     findings: Callable[[Tables], str]
     figures: Callable[[Tables], Mapping[str, Figure]]
     packages: Sequence[str] = ()
+    resumes: bool = False
 
     def run(self, description: str | None, argv: Sequence[str] | None = None) -> None:
         """The command line: measure, or read what was measured; write and print."""
@@ -83,7 +86,8 @@ class Study:
 
     def _measure(self, folder: Path, full: bool) -> None:
         started = time.perf_counter()
-        tables = self.measure(full)
+        kept = folder / KEPT
+        tables = self.measure(full, kept) if self.resumes else self.measure(full)
         seconds = time.perf_counter() - started
         names = (*_PACKAGES, *self.packages)
         about = {
@@ -99,6 +103,7 @@ class Study:
             for name, table in tables.items()
         }
         write_files(folder, {**contents, RUN: json_text(about)})
+        kept.unlink(missing_ok=True)
 
     def write(self, folder: Path) -> tuple[str, list[str]]:
         """Findings and figures from the tables in ``folder``; returns the findings and the names of all files."""

@@ -8,17 +8,18 @@ clock offset); `calibrate` gets all poses with a measurement, no noise, no truth
 `synchronise`, of an unknown scale with ``camera_scale="unknown"``.
 
 Error: distance of the estimated position of KinHEC's X (the camera on the gripper, or the marker) from the truth.
-Inside: the error of `calibrate`'s X (six numbers) is within the 95 % region of its covariance. 3 to 8 sequences a
-track (quick: 2, of 3 s at 10 Hz), seed 31.
+Inside: the error of `calibrate`'s X (six numbers) is within the 95 % region of its covariance. `COUNT` sequences a
+track (quick: 2, of 3 s at 10 Hz), each by seeds of its own. The same command continues a run that was interrupted.
 
 Needs the extra `kinhec`: pip install -e '.[kinhec]'.
 """
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterator
-from itertools import islice
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -36,68 +37,82 @@ from uq_handeye.core.runtime.threads import one_thread
 from uq_handeye.errors import MissingExtraError
 
 SEED = 31
-# Tracks by how many sequences are made of them; the order of each group is drawn by one generator.
-GROUPS = (
-    {"noise": 4, "motion": 4, "temporal": 4, "outliers": 4, "monocular": 4},
-    {"pnp": 4, "robot_error": 4, "mixed": 4},
-)
-QUICK_COUNT = 2
+TRACKS = ("noise", "motion", "temporal", "outliers", "monocular", "pnp", "robot_error", "mixed")
+COUNT, QUICK_COUNT = 30, 2
 QUICK_SECONDS, QUICK_HZ = 3, 10
 ATTEMPTS = 5  # draws of a sequence whose arm cannot reach its poses
 INSIDE = 12.59  # 95 % quantile of chi-square with 6 degrees of freedom
 SOLVER = "solver "
 
 
-def measure(full: bool) -> dict[str, pd.DataFrame]:
-    """Return one row per sequence: what `calibrate` says, and the errors of all."""
-    rows: list[dict[str, Any]] = []
-    total = sum(count if full else QUICK_COUNT for group in GROUPS for count in group.values())
-    with progress_bar("kinhec", total, "sequences") as advance, one_thread(), catch_warnings():
+def measure(full: bool, kept: Path | None = None) -> dict[str, pd.DataFrame]:
+    """Return one row per sequence: what `calibrate` says, and the errors of all.
+
+    ``kept``: file of the rows so far, one in a line, to which every row is added; those of the other size are not used.
+    """
+    count = COUNT if full else QUICK_COUNT
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
+    rows = [row for line in lines if (row := _whole(line)) is not None and row["full"] == full]
+    done = {(row["track"], row["number"]) for row in rows}
+    with progress_bar("kinhec", len(TRACKS) * count, "sequences") as advance, one_thread(), catch_warnings():
         simplefilter("ignore", uq.InputWarning)  # what is wrong is in the findings
-        for group in GROUPS:
-            for sequence in sequences(group, full):
-                rows.append(row_of(sequence))
+        for number in range(count):
+            for track in TRACKS:
+                if (track, number) not in done:
+                    row = {"full": full, "number": number} | row_of(sequence_of(track, number, full))
+                    rows.append(row)
+                    if kept is not None:
+                        with kept.open("a", encoding="utf-8") as file:
+                            file.write(json.dumps(row) + "\n")
                 advance(1)
-    return {"sequences": pd.DataFrame(rows)}
+    table = pd.DataFrame(rows).sort_values(["track", "number"], key=lambda of: of.map(_place)).drop(columns="full")
+    return {"sequences": table.reset_index(drop=True)}
 
 
-def sequences(group: dict[str, int], full: bool) -> Iterator[Any]:
-    """Return the first sequences of each track, as KinHEC reads them."""
+def _place(value: Any) -> int:
+    return TRACKS.index(value) if isinstance(value, str) else int(value)
+
+
+def _whole(line: str) -> dict[str, Any] | None:
+    """Return a row; None of a line that an interrupted run did not finish."""
+    try:
+        row: dict[str, Any] = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return row
+
+
+def sequence_of(track: str, number: int, full: bool) -> Any:
+    """Return a sequence of a track, as KinHEC reads it; each by seeds of its own.
+
+    The configurations of the track are taken in a random order; once all were, again with other seeds.
+    """
     try:
         from kinhec import plans
+        from kinhec.generator import GenerationError, generate_sequence
+        from kinhec.io import Sequence
     except ImportError as error:
         raise MissingExtraError("The study needs KinHEC. Install it: pip install -e '.[kinhec]'.") from error
     tier = plans.load_tier("small")
-    tier["global_seed"] = SEED
     tier["tracks"]["outliers"] |= {
         "fraction": [0.0, 0.05, 0.2, 0.3, 0.5],
         "model": ["random_pose", "planar_flip", "gross"],
     }
-    rng = np.random.default_rng(SEED)
-    for track, configurations in plans.build_plan(tier, list(group)).items():
-        order = rng.permutation(len(configurations))
-        count = group[track] if full else QUICK_COUNT
-        yield from islice(_made([configurations[k] for k in order], full), count)
-
-
-def _made(configurations: list[Any], full: bool) -> Iterator[Any]:
-    """Return the sequences of configurations; those whose arm does not reach its poses are drawn again."""
-    from kinhec.generator import GenerationError, generate_sequence
-    from kinhec.io import Sequence
-
-    for configuration in configurations:
+    planned = plans.build_plan(tier, [track])[track]
+    order = np.random.default_rng([SEED, TRACKS.index(track)]).permutation(len(planned))
+    for attempt in range(ATTEMPTS):  # where the arm does not reach the poses they are drawn again, then others
+        configuration = planned[order[(number + attempt // 3) % len(planned)]]
+        configuration.seed = int(
+            np.random.default_rng([SEED, TRACKS.index(track), number, attempt]).integers(2**31 - 1)
+        )
         if not full:
             limits = {"duration_s": QUICK_SECONDS, "camera_rate_hz": QUICK_HZ}
             sampling = configuration.sampling
             sampling |= {name: min(limits[name], sampling[name] or limits[name]) for name in limits}
-        for attempt in range(ATTEMPTS):
-            try:
-                found = generate_sequence(configuration)
-            except GenerationError:
-                configuration.seed = (configuration.seed * 1103515245 + 12345 + attempt) % (2**31 - 1)
-                continue
-            yield Sequence(found.manifest, found.robot_table, found.camera_table)
-            break
+        with suppress(GenerationError):
+            found = generate_sequence(configuration)
+            return Sequence(found.manifest, found.robot_table, found.camera_table)
+    raise RuntimeError(f"KinHEC made no sequence {number} of the track {track}.")
 
 
 def row_of(sequence: Any) -> dict[str, Any]:
@@ -227,4 +242,4 @@ def figures(tables: Tables) -> dict[str, Figure]:
     return {"kinhec": finished(figure)}
 
 
-STUDY = Study("kinhec", measure, findings, figures, packages=("kinhec",))
+STUDY = Study("kinhec", measure, findings, figures, packages=("kinhec",), resumes=True)

@@ -173,3 +173,31 @@ def test_a_result_that_is_open_in_part_is_read_again(tmp_path):
     assert result.opened is not None and not result.usable and not again.usable
     np.testing.assert_array_equal(again.X, result.X)
     result.report(tmp_path / "report.html", comparison=False)
+
+
+def half_wrong(kind, seed=5, n=30):
+    """Poses of which 15 of 30 are wrong, the first five among them."""
+    rng = np.random.default_rng(seed)
+    poses = uq.simulate(n, noise=NOISE, seed=seed)
+    camera = poses.camera.copy()
+    wrong = np.r_[:5, 5 + rng.permutation(n - 5)[:10]]
+    for k in wrong:
+        if kind == "anywhere":
+            camera[k, :3, :3] = Rotation.random(random_state=rng).as_matrix()
+            camera[k, :3, 3] += rng.normal(scale=0.3, size=3)
+        else:  # the other solution of a planar target
+            about = rng.uniform(0.0, 2.0 * np.pi)
+            turn = rng.uniform(0.5, 1.2) * np.array([np.cos(about), np.sin(about), 0.0])
+            camera[k, :3, :3] = camera[k, :3, :3] @ Rotation.from_rotvec(turn).as_matrix()
+    return uq.PosePairs(poses.robot, camera), wrong, poses.truth.X
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["anywhere", "flipped"])
+def test_half_of_the_poses_may_be_wrong_also_in_a_row(kind):
+    """They are no move of the board, no other reading of the files, and no noise of 20 deg."""
+    poses, wrong, X = half_wrong(kind)
+    found = quietly(poses)
+    assert found.usable, found.reasons
+    assert set(wrong) <= set(found.table.flagged) and len(found.table.flagged) <= len(wrong) + 2
+    assert np.linalg.norm(found.X[:3, 3] - X[:3, 3]) < 5.0 * np.linalg.norm(found.std[3:])

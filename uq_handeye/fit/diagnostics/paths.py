@@ -9,8 +9,8 @@ rows of one robot pose are whitened together. There are two kinds of copies:
 
 *The pose that moved.* Paths are tested with the weights of the fit, except for runs of rejected views: a camera that
 was knocked spoils all later views, and robust weights that reject them would hide the move. Single outliers stay
-rejected. For every path that does not close, a robust fit is made with the copy of its pose as a further unknown; the
-one with the least
+rejected. For every path that does not close, a robust fit is made with the copy of its pose as a further unknown, in
+which most views of the pose and of the copy must count: a copy fits any single outlier. The one with the least
 
     chi-square of the views that count + PENALTY * limit * (views that are rejected)
 
@@ -404,7 +404,8 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     S = D @ fitted.covariance @ D.T
     square = _square(change, S)
     weight = fitted.view_weights
-    if weight[path.edges].mean() < 0.5:  # they do not agree on another place either
+    rest = _views_of(graph, u) & ~of
+    if min(weight[of].mean(), weight[rest].mean() if rest.any() else 1.0) < 0.5:  # outliers agree on no place
         return None
     rejected = float((1.0 - weight).sum())
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))

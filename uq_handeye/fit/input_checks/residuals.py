@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import OUTLIER_MEDIANS
+from ...core.numbers.limits import MAJORITY, OUTLIER_MEDIANS
 from ...findings import GROSS_EXCESS, Finding, Severity
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import Motions
@@ -123,8 +123,10 @@ def misread(poses: PosePairs, X: Array, minority: bool = False) -> list[Finding]
 
     ``minority``: fewer than half fit X. Only then is another unit a reading: a good X leaves no factor to explain.
     """
-    G = poses.effective_robot
-    turn, shift = (float(np.sqrt(np.mean(part**2))) for part in pose_residuals(G, poses.camera, X))
+    # by the majority, as the readings are: rows that are left out may be anything
+    count = int(np.ceil(MAJORITY * poses.n))
+    parts = (np.sort(part)[:count] for part in pose_residuals(poses.effective_robot, poses.camera, X))
+    turn, shift = (float(np.sqrt(np.mean(part**2))) for part in parts)
     readings = [one for one in other_readings(poses, turn, shift) if minority or one["kind"] != "scale"]
     values = {"rotation": turn, "translation": shift, "readings": readings}
     return [Finding("input_checks.poses_unexplained", "failure", values)] if readings else []

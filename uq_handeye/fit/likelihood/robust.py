@@ -247,7 +247,9 @@ def fit_robustly(
     assert fitted.weights is not None
     weights, n = fitted.weights, constraint.n
     kept = int((weights > 0).sum())
-    if kept < constraint.fewest or 2 * kept < n:
+    # of a half that stands out, a few may lie in the tails of its own noise
+    least = max(MIN_KEPT_OF_MINORITY, 0.4 * n) if begun is not None and begun.half else 0.5 * n
+    if kept < max(constraint.fewest, least):
         raise InputError(
             f"Only {kept} of {n} {constraint.item}s agree with one X within the noise; at least half of them must. "
             "Look at the pairing of the rows, the setup (eye-in-hand or eye-to-hand) and the units"

@@ -6,7 +6,8 @@ rest of a column, the residuals would seem to show the error. Once the weights h
 at the poses as the fit corrects them, and the sizes are estimated again.
 
 Where many poses are rejected, a start with all weights 1 is tried as well: errors that no model of an arm explains
-differ from pose to pose and have heavy tails. Of the two results the more probable one counts, with rejected rows as
+differ from pose to pose and have heavy tails. Of the two results the more probable one counts, unless its noise is too
+large for a model that is linear in it, with rejected rows as
 outliers: off by a vector of any size, all orders of magnitude alike (L = `OUTLIER_LOG_RANGE` of them), whose density in
 three dimensions is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation
 residual given that of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a
@@ -112,9 +113,18 @@ def weigh_from_two_starts(
         return other
     if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED_SHARE:
         other = from_all()
-        if other is not None and _cost(other) < _cost((robust, found)):
+        if other is not None and _is_of_first_order(other[0]) and _cost(other) < _cost((robust, found)):
             return other
     return robust, found
+
+
+def _is_of_first_order(robust: RobustFit, most: float = 0.1) -> bool:
+    """Return whether the rotation noise of most rows is below ``most`` rad, up to which noise adds up as vectors.
+
+    Larger noise explains half turns of half of the rows, whatever the density of outliers.
+    """
+    variances = marginals(robust.fit.S)[:, :3, :3].trace(axis1=1, axis2=2) / 3.0
+    return float(np.median(variances)) < most**2
 
 
 def settle(
