@@ -142,7 +142,7 @@ SCENES = {
 }  # fmt: skip
 
 # Findings of pictures in words.
-SAID = {"scene.gripper": "gripper masked", "scene.moved": "the object that moved, with its pictures"}
+SAID = {"scene.gripper": "gripper left out", "scene.moved": "the object that moved, with its pictures"}
 
 
 def of_scenes() -> dict[str, Any]:

@@ -162,19 +162,20 @@ class _Run:
             lens = Lens.of(_size_of(self.paths[0]), self.known)
         seen = colmap.match(self.paths, folder, lens, mask, self.say)
         models = colmap.models(seen, lens, self.say)
+        # What stands still for a fixed camera is the background of what is in the hand.
+        gripper = seen.still_region() if self.setup == "eye-in-hand" else None
+        if gripper is not None:
+            self.findings.append(Finding("scene.gripper", "note", {"share": float(gripper.mean())}))
         if 2 * max((len(one.rows) for one in models), default=0) < len(self.paths):
-            # A gripper may have nearly all of the strong features. What is in the hand covers a background, no gripper.
-            gripper = seen.still_region() if self.setup == "eye-in-hand" else None
-            if gripper is not None:
+            if gripper is not None:  # it may have nearly all of the strong features
                 mask = colmap.write_mask(gripper, mask, folder / "mask.png")
-                self.findings.append(Finding("scene.gripper", "note", {"share": float(gripper.mean())}))
             if gripper is not None or not seen.weak:
                 seen = colmap.match(self.paths, folder, lens, mask, self.say, weak=True)
                 models = colmap.models(seen, lens, self.say)
         if not models or len(models[0].rows) < 3:
             raise no_scene(seen, self.setup)
         share = seen.stationary_share()
-        if share > MANY_STATIONARY and self.setup == "eye-in-hand":
+        if share > MANY_STATIONARY and self.setup == "eye-in-hand" and gripper is None:
             self.findings.append(Finding("scene.stationary", "caution", {"share": share}))
         self.say("adjusting the scene")
         parts = [part for model in models if (part := self._adjusted(model)) is not None]
@@ -232,13 +233,15 @@ class _Run:
             "rows."
         )
 
-    def _with_robot(self, seen: Matched, main: Placed, stop: bool) -> tuple[Placed, float | None, Pull | None]:
+    def _with_robot(
+        self, seen: Matched, main: Placed, stop: bool, least: int = 4
+    ) -> tuple[Placed, float | None, Pull | None]:
         """Return the scene in metres with all pictures that the robot can place; and the deviation of the scale."""
         found = scale_by_screws(self._G[main.rows], main.scene.poses)
         if found is None:
             return centred(main), None, None
         main = centred(replace(main, scene=main.scene.scaled(found[0])))
-        if stop or main.n < MIN_PICTURES_OF_SCENE:
+        if stop or main.n < least:
             return main, found[1], None
         pull, scale_sd = None, found[1]
         for max_error in ERRORS_OF_ROUNDS_PX:

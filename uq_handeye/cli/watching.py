@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from .messages import LOG, quiet
 from .noise import Given
-from .pictures import Pictures
+from .pictures import Pictures, Scene
 from .pose_files import PoseFiles, StreamFiles
 from .printing import emit
 
@@ -23,9 +23,14 @@ if TYPE_CHECKING:
 
 
 def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> "Folder":
-    """Return the folder, with the options by which its files are read."""
+    """Return the folder, with the options by which its files are read; raises `InputError` for a scene."""
     from ..use.live_session.folder import Folder
 
+    if isinstance(seen, Scene):
+        raise InputError(
+            "--scene takes all pictures at once, not one by one. Take them first, then uq-handeye calibrate ROBOT "
+            "--images PATTERN --scene."
+        )
     return Folder(path, files.reading, seen if isinstance(seen, Pictures) else None)
 
 

@@ -41,7 +41,7 @@ def _(share: float) -> str:
 
 @sentence("scene.gripper", check=CAMERA, phrase="{share:pct.0f} % of the picture is the gripper")
 def _(share: float) -> str:
-    return f"{100 * share:.0f} % of the picture stands still in all pictures, as a gripper does, and was masked."
+    return f"{100 * share:.0f} % of the picture stands still in all pictures, as a gripper does, and was left out."
 
 
 @sentence("scene.moved", check=CAMERA, phrase="an object of the scene moved")
