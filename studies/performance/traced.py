@@ -4,8 +4,7 @@
 
 30 simulated poses are calibrated on the command line, once as two files and once as a rig of two cameras, and checked
 by eight others. Counted are the functions of the package that were called at least once, but for those that imports
-call;
-their files; and the packages that these are in. Prints a Markdown table.
+call; their files; and the packages that these are in. Prints a Markdown table.
 """
 
 from __future__ import annotations

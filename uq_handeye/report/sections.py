@@ -66,8 +66,7 @@ def full_section(result: Calibration) -> Section:
     blocks: list[Block] = [Paragraph(text) for text in facts.directions]
     head = ["", result.frame, *([result.frame_W] if facts.W else [])]
     poses = [facts.X, *([facts.W] if facts.W else [])]
-    # What is exact ends in rounding errors.
-    cells = [[concise(round(x.value, 9) if x.sd is None else x.value, x.sd, x.unit) for x in pose] for pose in poses]
+    cells = [[fact.concise for fact in pose] for pose in poses]
     rows = [[x.name, *row] for x, *row in zip(facts.X, *cells, strict=True)]
     subject = facts.subject or "camera side in the frame of the robot side (AX = XB)"
     about = f"{result.frame} is the pose of the {subject}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, plus_minus
+from ...core.formatting.numbers import concise, digits, plus_minus, value_and_sd
 from ...core.geometry.conventions import COMPONENTS
 from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, principal_axes
 from ...core.geometry.se3 import Array
@@ -28,8 +28,12 @@ _SOURCES = {
 }
 
 
-class Number(NamedTuple):
-    """One of the six numbers of a pose, as people read it, with its standard deviation."""
+# Decimals of a number (mm, deg) without a standard deviation, beyond which there is rounding only.
+EXACT_DECIMALS = 9
+
+
+class Fact(NamedTuple):
+    """A number as people read it, with its standard deviation; its forms are those of every output."""
 
     name: str  # such as "rotation vector x"
     value: float  # mm or deg
@@ -39,23 +43,38 @@ class Number(NamedTuple):
     @property
     def concise(self) -> str:
         """Value, standard deviation in brackets and unit."""
-        return concise(self.value, self.sd, self.unit)
+        return concise(self._shown, self.sd, self.unit)
+
+    @property
+    def bare(self) -> str:
+        """Value and standard deviation in brackets, for columns with a unit."""
+        return concise(self._shown, self.sd)
+
+    @property
+    def plus_minus(self) -> str:
+        """``12.345 +- 0.067``; the value alone where nothing is known of it."""
+        if self.sd is None:
+            return digits(self.value, 6)
+        return f"{digits(self.value, 6)} (open)" if np.isinf(self.sd) else plus_minus(self.value, self.sd)
 
     @property
     def parts(self) -> tuple[str, str]:
         """Value and standard deviation of two digits, to the same place."""
         if self.sd is None or not np.isfinite(self.sd) or self.sd <= 0:
             return f"{self.value + 0.0:.4f}", "?" if self.sd is None else "open" if self.sd > 0 else "0"
-        value, _, sd = plus_minus(self.value, self.sd).partition(" +- ")
-        return value, sd
+        return value_and_sd(self.value, self.sd)
+
+    @property
+    def _shown(self) -> float:
+        return round(self.value, EXACT_DECIMALS) if self.sd is None else self.value
 
 
 @dataclass(frozen=True)
 class Facts:
     """Numbers and texts of a calibration that more than one view shows."""
 
-    X: tuple[Number, ...]  # translation and rotation vector
-    W: tuple[Number, ...]  # empty where there is no W
+    X: tuple[Fact, ...]  # translation and rotation vector
+    W: tuple[Fact, ...]  # empty where there is no W
     parent: str  # frame that X and its covariance are in
     subject: str  # "camera in the gripper frame"; empty for motions that came without poses
     directions: tuple[str, ...]  # in which translation and rotation are least certain
@@ -64,11 +83,11 @@ class Facts:
     source: str  # where the standard deviations come from
 
 
-def numbers_of(T: Array, covariance: Array | None, opened: Array | None) -> tuple[Number, ...]:
+def numbers_of(T: Array, covariance: Array | None, opened: Array | None) -> tuple[Fact, ...]:
     """Return the six numbers of a pose (4, 4), with its covariance (6, 6) and its open directions (k, 6)."""
     values, deviations = pose_numbers(T, covariance, opened=opened)
     known = [None] * 6 if deviations is None else deviations.tolist()
-    return tuple(map(Number, POSE_NUMBERS, values.tolist(), known, ["mm"] * 3 + ["deg"] * 3))
+    return tuple(map(Fact, POSE_NUMBERS, values.tolist(), known, ["mm"] * 3 + ["deg"] * 3))
 
 
 def facts_of(result: Estimated) -> Facts:

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
-from math import isinf
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, fixed, plus_minus
+from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import (
     COLUMNS,
@@ -207,14 +206,14 @@ def checks_block(result: Calibration) -> Checks:
 
 def x_blocks(result: Calibration, width: int = COLUMNS) -> list[Block]:
     """Return X: its six numbers with standard uncertainties, and the 4x4."""
-    numbers = [(number.value, number.sd) for number in result.facts.X]
-    lines: list[str] = []
-    for form, gap in ((_plus_minus, "   "), (_plus_minus, "  "), (concise, "  "), (concise, " ")):
+    X, lines = result.facts.X, list[str]()
+    long, short = [fact.plus_minus for fact in X], [fact.bare for fact in X]
+    for forms, gap in ((long, "   "), (long, "  "), (short, "  "), (short, " ")):
         lines = [
-            f"{label}  {gap.join(f'{axis} {form(*number)}' for axis, number in zip('xyz', part, strict=True))} {unit}"
+            f"{label}  {gap.join(f'{axis} {form}' for axis, form in zip('xyz', part, strict=True))} {unit}"
             for label, part, unit in (
-                ("translation    ", numbers[:3], "mm"),
-                ("rotation vector", numbers[3:], "deg"),
+                ("translation    ", forms[:3], "mm"),
+                ("rotation vector", forms[3:], "deg"),
             )
         ]
         if max(map(len, lines)) <= width:
@@ -229,12 +228,6 @@ def split_blocks(result: Calibration) -> list[Block]:
     """
     rows = [[one.frame, ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in result.split]
     return [Table("", ["before and after the move", "x, y, z (mm)", "+- mm", "deg"], rows)] if rows else []
-
-
-def _plus_minus(value: float, std: float | None) -> str:
-    if std is None:
-        return digits(value, 6)
-    return f"{digits(value, 6)} (open)" if isinf(std) else plus_minus(value, std)
 
 
 def matrix_block(T: Array, width: int = COLUMNS) -> Code:

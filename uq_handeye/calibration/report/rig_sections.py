@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, probability
+from ...core.formatting.numbers import digits, probability
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.rotations import Rotation
@@ -227,8 +227,7 @@ def _largest(result: RigPoses) -> Table:
 
 def _in_full(result: RigPoses) -> Table:
     rows = [
-        [one.frame, *(concise(fact.value, fact.sd) for fact in numbers_of(one.pose, one.covariance, one.open))]
-        for one in result.every
+        [one.frame, *(fact.bare for fact in numbers_of(one.pose, one.covariance, one.open))] for one in result.every
     ]
     return Table(
         "Translation and rotation vector, with one standard deviation in brackets. Matrices and the joint covariance "

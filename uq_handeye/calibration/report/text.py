@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, pose_rows, row
+from ...core.formatting.numbers import digits, pose_rows, row
 from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...core.geometry.se3 import Array, difference
 from ...core.numbers.limits import MAX_LISTED
@@ -167,10 +167,7 @@ def calibration_html(result: Calibration) -> str:
 
 def _six(result: Calibration) -> Table:
     """Return the six numbers of X."""
-    rows = [
-        [one.name, concise(one.value, one.sd), "?" if one.sd is None else digits(one.sd), one.unit]
-        for one in result.facts.X
-    ]
+    rows = [[one.name, one.bare, one.parts[1], one.unit] for one in result.facts.X]
     return Table("", [f"X = {result.frame}" if result.setup else "X", "value", "1 sigma", "unit"], rows)
 
 

@@ -116,11 +116,16 @@ def plus_minus(value: float, std: float) -> str:
     >>> plus_minus(12.3452, 0.0668), plus_minus(-0.0001, 0.3), plus_minus(12345, 123)
     ('12.345 +- 0.067', '0.00 +- 0.30', '12340 +- 120')
     """
+    return " +- ".join(value_and_sd(value, std))
+
+
+def value_and_sd(value: float, std: float) -> tuple[str, str]:
+    """Return both parts of `plus_minus`."""
     if not (isfinite(value) and isfinite(std)) or std <= 0 or not 1e-6 <= std < 1e6:
-        return f"{digits(value, 6)} +- {digits(std, 2)}"
+        return digits(value, 6), digits(std, 2)
     decimals = 1 - int(f"{std:.1e}".partition("e")[2])
-    shown = round(value, decimals) + 0.0
-    return f"{shown:.{max(decimals, 0)}f} +- {round(std, decimals):.{max(decimals, 0)}f}"
+    places = max(decimals, 0)
+    return f"{round(value, decimals) + 0.0:.{places}f}", f"{round(std, decimals):.{places}f}"
 
 
 def signed(number: str) -> str:
