@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._version import __version__
-from ..calibration.report.analysis import covariance_table, not_shown_yet, tests_not_run
+from ..calibration.report.analysis import not_shown_yet, tests_not_run
 from ..calibration.report.arm import arm_sentences
-from ..calibration.report.budget import KINDS, budget_table
+from ..calibration.report.budget import KINDS
 from ..calibration.report.first_screen import status_of
-from ..calibration.report.noise import noise_blocks
 from ..calibration.report.points_ahead import ahead
-from ..calibration.report.residuals import pair_table, pose_table
-from ..calibration.report.shared_errors import included_words, shared_blocks
+from ..calibration.report.residuals import pose_table
+from ..calibration.report.shared_errors import included_words
+from ..calibration.report.text import blocks_of
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, digits, fixed
 from ..core.geometry.conventions import CONVENTION
@@ -211,22 +211,22 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             if len(flagged) < len(table.flagged):
                 which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
         blocks.append(pose_table(table, shown, f"{which}. Numbers count from 0."))
-    return folded("residuals", "Residuals in full", *blocks, pair_table(result))
+    return folded("residuals", "Residuals in full", *blocks, *blocks_of(result, "pairs"))
 
 
 def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Section of the shares of the variance by noise."""
     title = "Uncertainty budget in full"
-    table = budget_table(result)
-    if table is None or "budget" not in drawings:
+    tables = blocks_of(result, "budget")
+    if not tables or "budget" not in drawings:
         return folded("full-budget", title, needs("The budget is computed", result))
-    return folded("full-budget", title, drawings["budget"], table, gum_table(result))
+    return folded("full-budget", title, drawings["budget"], *tables, gum_table(result))
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Section on the errors that all poses share: their priors and their estimates."""
     said = Paragraph(included_words(result))
-    return folded("shared", "Errors that all poses share", said, drawings.get("shared"), *shared_blocks(result))
+    return folded("shared", "Errors that all poses share", said, drawings.get("shared"), *blocks_of(result, "shared"))
 
 
 def methods_section(found: Compared, drawing: Drawing | None) -> Section:
@@ -286,18 +286,18 @@ def noise_section(result: Calibration) -> Section:
     """Section on the noise given or estimated, and the test of the residuals against it."""
     untested = result.fit is None and result.noise is not None
     why = needs("The chi-square test of the residuals is made", result) if untested else None
-    return folded("noise", "The noise", *noise_blocks(result), why)
+    return folded("noise", "The noise", *blocks_of(result, "noise"), why)
 
 
 def covariances_section(result: Calibration) -> Section:
     """The covariances that need no noise model, and X of two halves of the data."""
     title = "Covariances without a noise model, and two halves of the data"
-    analysis, table = result.analysis, covariance_table(result)
-    if analysis is None or table is None:
+    analysis, tables = result.analysis, blocks_of(result, "covariances")
+    if analysis is None or not tables:
         return folded("covariances", title, needs("Other covariances and tests of two halves are computed", result))
     run = [half.finding for half in (analysis.split_half, analysis.split_in_time) if half.possible]
     said = not_shown_yet(result, run)
-    return folded("covariances", title, table, *([Points.of_findings(said)] if said else []))
+    return folded("covariances", title, *tables, *([Points.of_findings(said)] if said else []))
 
 
 def camera_sections(result: Calibration) -> list[Section]:

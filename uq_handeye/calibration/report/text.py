@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from ...core.presentation.document import (
     document_of,
 )
 from ...core.presentation.html import blocks_html, heat_html, html_of, matrix_html, to_html
+from ...core.presentation.sections import Part, selected
+from ...findings import Finding
 from ..result import Calibration
 from ..statement.tolerance import Verdict
 from .analysis import beside_blocks, covariance_table, diagnosis_blocks
@@ -44,6 +47,80 @@ from .shared_errors import included_words, shared_blocks
 
 # The long text shows these notes with the cautions.
 SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
+# Sections of the long text, and of a notebook: unfolded and folded.
+LONG = (
+    "answer", "accuracy", "checks", "cautions", "notes", "split", "matrix", "numbers", "arm", "4dpa", "noise", "pairs",
+    "shared", "flagged", "covariances", "budget", "diagnosis", "ellipsoid", "scope", "quaternion", "inverse", "target",
+)  # fmt: skip
+NOTEBOOK = ("answer", "all-checks", "x")
+NOTEBOOK_FOLDED = ("cautions-in-full", "accuracy-in-full", "directions", "shared-errors")
+
+
+def calibration_parts(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> tuple[Part, ...]:
+    """Return the sections of a calibration in their order, without those that only a page has.
+
+    Correlations at or above ``threshold`` are listed.
+    """
+    count = len(result.cautions)
+    return (
+        Part("answer", "Result", lambda: answer_blocks(result, verdict, why=False)),
+        Part("accuracy", "Parts of the accuracy", lambda: accuracy_blocks(result)),
+        Part("checks", "Checks", lambda: [checks_block(result)]),
+        Part("all-checks", "Checks", lambda: [Checks.of(result.checks)]),
+        *(Part("cautions", "Caution", partial(_caution, one)) for one in result.cautions),
+        *(Part("notes", "Note", partial(_note, one)) for one in result.findings if one.code in SHOWN_NOTES),
+        Part("split", "Before and after the move", lambda: split_blocks(result)),
+        Part("x", "X", lambda: split_blocks(result) or [_six(result)]),
+        Part("matrix", "Matrix X (translation in m)", lambda: [matrix_block(result.X)]),
+        Part("numbers", "X and its standard deviations", lambda: _numbers(result, threshold)),
+        Part("cautions-in-full", f"Cautions in full ({count})", lambda: _cautions_in_full(result)),
+        Part("accuracy-in-full", "Parts of the accuracy", lambda: _accuracy_in_full(result)),
+        Part(
+            "directions", "Directions",
+            lambda: [Paragraph(text) for text in [*result.facts.directions, *arm_sentences(result)]],
+        ),
+        Part("arm", "The arm", lambda: arm_blocks(result)),
+        Part("4dpa", "4DPA", lambda: beside_blocks(result)),
+        Part("noise", "The noise", lambda: noise_blocks(result)),
+        Part("pairs", "Residuals of the pairs", lambda: [pair_table(result)]),
+        Part("shared", "Errors that all poses share", lambda: shared_blocks(result)),
+        Part("shared-errors", "Shared errors", lambda: shared_blocks(result) if result.shared else []),
+        Part("flagged", "Poses that stand out", lambda: flagged_blocks(result)),
+        Part("covariances", "Other covariances", lambda: _if_any(covariance_table(result))),
+        Part("budget", "Uncertainty budget", lambda: _if_any(budget_table(result))),
+        Part("diagnosis", "Diagnostics", lambda: diagnosis_blocks(result)),
+        Part("ellipsoid", "Ellipsoid", lambda: _ellipsoid(result)),
+        Part("scope", "What the numbers cover", lambda: _scope(result)),
+        Part("quaternion", "Quaternion", lambda: _quaternion(result)),
+        Part("inverse", "Inverse of X", lambda: _inverse(result)),
+        Part("target", "The target", lambda: _target(result)),
+    )  # fmt: skip
+
+
+def _caution(finding: Finding) -> list[Block]:
+    return [Caution(str(finding))]
+
+
+def _cautions_in_full(result: Calibration) -> list[Block]:
+    return [Points([str(one) for one in result.cautions])] if result.cautions else []
+
+
+def _note(finding: Finding) -> list[Block]:
+    return [Paragraph(str(finding))]
+
+
+def _if_any(table: Table | None) -> list[Block]:
+    return [] if table is None else [table]
+
+
+def _accuracy_in_full(result: Calibration) -> list[Block]:
+    accuracy = accuracy_blocks(result, most=MAX_LISTED)
+    return [*accuracy, Paragraph(included_words(result))] if accuracy else []
+
+
+def blocks_of(result: Calibration, anchor: str) -> list[Block]:
+    """Return the content of one section, for a page that adds to it."""
+    return [block for section in selected(calibration_parts(result), (anchor,)) for block in section.blocks]
 
 
 @document_of.register(Calibration)
@@ -53,73 +130,55 @@ def calibration_document(result: Calibration, verbose: bool = False, threshold: 
 
 
 def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> Document:
-    """Return the long text: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X.
-
-    Correlations at or above ``threshold`` are listed.
-    """
-    tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
-    return [
-        [Heading(title_of(result, 118)), *answer_blocks(result, verdict, why=False)],
-        accuracy_blocks(result),
-        checks_block(result),
-        *(Caution(str(found)) for found in result.cautions),
-        *(Paragraph(str(found)) for found in result.findings if found.code in SHOWN_NOTES),
-        *_numbers(result, threshold),
-        *([arm] if (arm := arm_blocks(result)) else []),
-        *([beside] if (beside := beside_blocks(result)) else []),
-        noise_blocks(result),
-        pair_table(result),
-        shared_blocks(result),
-        flagged_blocks(result),
-        *tables,
-        diagnosis_blocks(result),
-        *_scope(result),
-        *_other_forms(result),
-    ]
+    """Return the long text: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X."""
+    first, *others = (section.blocks for section in selected(calibration_parts(result, threshold, verdict), LONG))
+    return [[Heading(title_of(result, 118)), *first], *others]
 
 
-def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
+def _numbers(result: Calibration, threshold: float) -> list[Block]:
     """X and its standard deviations, correlations and directions."""
     numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
     if result.std is not None:
         turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
-    return [*([split] if (split := split_blocks(result)) else []), [matrix_block(result.X)], numbers]
+    return numbers
+
+
+def _ellipsoid(result: Calibration) -> list[Block]:
+    """Return what holds 95 % of the errors."""
+    if result.std is None:
+        return []
+    more = "" if result.analysis is None else " Shifts of X above are given as d, in standard deviations."
+    return [Paragraph(result.facts.ellipsoid + more)]
 
 
 def _scope(result: Calibration) -> list[Block]:
     """Return what the standard deviations mean."""
     if result.std is None:
         return []
-    facts = result.facts
-    within = facts.ellipsoid
-    if result.analysis is not None:
-        within += " Shifts of X above are given as d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
-    scope = f"The standard deviations are 1 sigma, to first order, of {facts.source}{shared}."
-    return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
+    scope = f"The standard deviations are 1 sigma, to first order, of {result.facts.source}{shared}."
+    return [Paragraph(f"{scope} {included_words(result)}")]
 
 
-def _other_forms(result: Calibration) -> list[Block | list[Block]]:
-    """The inverse of X, its quaternion, and W."""
-    frame, S = result.frame, result.covariance
-    inverse_name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+def _quaternion(result: Calibration) -> list[Block]:
+    S = result.covariance
     of_quaternion = None if S is None else quaternion_deviations(result.quaternion, S)
     quaternion = row("quaternion", "xyzw", result.quaternion, of_quaternion, 7, width=10)
-    blocks: list[Block | list[Block]] = [
-        [Heading(f"{frame} as quaternion"), _lines([quaternion])],
-        Heading(f"{inverse_name} (inverse of X)"),
-        matrix_block(result.inverse),
-    ]
-    if result.W is not None:
-        blocks += [
-            Heading(f"{result.frame_W} (the target, from all poses)"),
-            matrix_block(result.W),
-            _lines(
-                pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W)),
-            ),
-        ]
-    return blocks
+    return [Heading(f"{result.frame} as quaternion"), _lines([quaternion])]
+
+
+def _inverse(result: Calibration) -> list[Block]:
+    frame = result.frame
+    name = "_T_".join(reversed(frame.split("_T_"))) if "_T_" in frame else f"inv({frame})"
+    return [Heading(f"{name} (inverse of X)"), matrix_block(result.inverse)]
+
+
+def _target(result: Calibration) -> list[Block]:
+    if result.W is None:
+        return []
+    numbers = pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W))
+    return [Heading(f"{result.frame_W} (the target, from all poses)"), matrix_block(result.W), _lines(numbers)]
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
@@ -151,9 +210,9 @@ def calibration_html(result: Calibration) -> str:
     """Return the headline, the checks and the six numbers; full sentences, parts and matrices folded away."""
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else data_words(result)
     setup = "" if result.setup is None else f", {result.setup}"
-    checks = Checks.of(result.checks)
-    document: Document = [answer_blocks(result, why=False), [checks], split_blocks(result) or [_six(result)]]
-    folded = [(title, blocks_html(blocks)) for title, blocks in _folds(result).items() if blocks]
+    parts = calibration_parts(result)
+    document: Document = [section.blocks for section in selected(parts, NOTEBOOK)]
+    folded = [(section.title, blocks_html(section.blocks)) for section in selected(parts, NOTEBOOK_FOLDED)]
     folded.append(("Matrix X (translation in m)", matrix_html(result.X)))
     if result.covariance is not None and result.correlation is not None:
         S, correlation = result.covariance, result.correlation
@@ -169,17 +228,3 @@ def _six(result: Calibration) -> Table:
     """Return the six numbers of X."""
     rows = [[one.name, one.bare, one.parts[1], one.unit] for one in result.facts.X]
     return Table("", [f"X = {result.frame}" if result.setup else "X", "value", "1 sigma", "unit"], rows)
-
-
-def _folds(result: Calibration) -> dict[str, list[Block]]:
-    """Return what is folded away by title; what `calibrate` warned of is not opened again."""
-    count, accuracy = len(result.cautions), accuracy_blocks(result, most=MAX_LISTED)
-    return {
-        f"Cautions in full ({count})": [Points([str(finding) for finding in result.cautions])] if count else [],
-        "Parts of the accuracy": [*accuracy, Paragraph(included_words(result))] if accuracy else [],
-        "Directions": [Paragraph(text) for text in [*result.facts.directions, *arm_sentences(result)]],
-        "Shared errors": [*shared_blocks(result)] if result.shared else [],
-    }
-
-
-# -------------------------------------------------------------------------------------------- what the total includes
