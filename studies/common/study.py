@@ -35,9 +35,9 @@ _PACKAGES = ("numpy", "scipy")
 class Study:
     """``measure(full)`` gives the tables by name, the other two what follows from them.
 
-    ``name`` is that of the module; ``packages`` are those whose versions matter beside NumPy and SciPy. With
-    ``resumes``, ``measure`` also gets the file in which it keeps what it has measured, so that a run that was
-    interrupted is continued by the same command; the file is removed once the tables are written.
+    ``name`` is that of the module below ``studies``; ``packages`` are those whose versions matter beside NumPy and
+    SciPy. With ``resumes``, ``measure`` also gets the file in which it keeps what it has measured, so that a run that
+    was interrupted is continued by the same command; the file is removed once the tables are written.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Study:
             "--redraw", action="store_true", help="findings and figures anew from the CSV files that are there"
         )
         options = parser.parse_args(argv)
-        folder = Path(options.output) / self.name
+        folder = Path(options.output, *self.name.split("."))
         if options.redraw:
             if not (folder / RUN).exists():
                 parser.error(f"there is no {folder / RUN}: run the study without --redraw first, or say -o FOLDER.")
