@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fixtures.commands import run
+from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 
@@ -28,6 +29,22 @@ def test_the_measurement_is_that_of_drawn_corners(result: uq.Calibration) -> Non
     # the size of the square in the picture gives the distance: 8 numbers, of which the mean over the corners counts
     size = np.sqrt((drawn**2).sum(axis=(1, 2)))
     assert task["plane distance"].measurement == pytest.approx(d * size.std() / size.mean(), rel=0.05)
+
+
+def test_the_plane_is_that_of_poses_fitted_to_drawn_corners(result: uq.Calibration) -> None:
+    task = result.predict_task("100mm", "0.5m", "0.2px", "1000px")
+    square = 0.05 * np.array([[x, y, 0.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
+
+    def pixels(pose: np.ndarray) -> np.ndarray:
+        seen = Rotation.from_rotvec(pose[:3]).apply(square) + pose[3:] + [0.0, 0.0, 0.5]
+        return np.asarray(1000.0 * (seen[:, :2] / seen[:, 2:]).ravel())
+
+    J = np.array([(pixels(step) - pixels(-step)) / 2e-6 for step in 1e-6 * np.eye(6)]).T
+    noise = np.random.default_rng(2).normal(0.0, 0.2, (8, 4000))
+    found = np.linalg.lstsq(J, noise, rcond=None)[0]
+    angle = np.sqrt((found[:2] ** 2).sum(axis=0).mean())  # about both axes of the plane
+    assert task["plane angle"].measurement == pytest.approx(angle, rel=0.05)
+    assert task["plane distance"].measurement == pytest.approx(found[5].std(), rel=0.05)
 
 
 def test_the_calibration_is_that_of_the_points(result: uq.Calibration) -> None:
