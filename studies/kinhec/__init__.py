@@ -63,7 +63,7 @@ def measure(full: bool, kept: Path | None = None) -> dict[str, pd.DataFrame]:
                     rows.append(row)
                     if kept is not None:
                         with kept.open("a", encoding="utf-8") as file:
-                            file.write(json.dumps(row) + "\n")
+                            file.write("\n" + json.dumps(row))  # after a line that was not finished
                 advance(1)
     table = pd.DataFrame(rows).sort_values(["track", "number"], key=lambda of: of.map(_place)).drop(columns="full")
     return {"sequences": table.reset_index(drop=True)}

@@ -46,6 +46,16 @@ def test_an_unknown_scale_is_one_more_unknown(scale: float, how: str, tmp_path: 
     assert isinstance(again, uq.Calibration) and again.camera_scale == found
 
 
+def test_poses_without_noise_have_an_exact_scale() -> None:
+    poses = uq.simulate(8, noise=NOISE, seed=2)
+    assert poses.truth is not None
+    camera = inverse(poses.truth.X) @ inverse(poses.robot) @ poses.truth.W
+    result = uq.calibrate(_scaled(uq.PosePairs(poses.robot, camera), 0.27), camera_scale="unknown")
+    assert result.camera_scale is not None and result.camera_scale.std == 0.0
+    assert result.camera_scale.units_per_m == pytest.approx(0.27, rel=1e-9)
+    np.testing.assert_allclose(result.X, poses.truth.X, atol=1e-9)
+
+
 @pytest.mark.slow
 def test_an_inverse_file_of_unknown_scale_is_named() -> None:
     poses = uq.simulate(30, noise=NOISE, seed=4)

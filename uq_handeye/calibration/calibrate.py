@@ -269,12 +269,12 @@ def _with_open_scale(
         if isinstance(noise, PoseNoise):
             opened = replace(opened, noise=replace(noise, camera=scaled.camera_covariance))
         result, findings = _found(opened, scaled, selection, said)
-        (error,) = [one for one in result.shared_at_sizes if one.key == CAMERA_SCALE]
-        # the poses used are (1 + e) times as large as true ones
-        if abs(error.estimate) < max(0.1 * error.sd, 1e-6):  # or rounding
+        error = next((one for one in result.shared_at_sizes if one.key == CAMERA_SCALE), None)
+        # the poses used are (1 + e) times as large as true ones; None: they fit exactly
+        if error is None or abs(error.estimate) < max(0.1 * error.sd, 1e-6):  # or rounding
             break
         factor /= 1.0 + error.estimate
-    scale = CameraScale(factor, factor * error.sd)
+    scale = CameraScale(factor, 0.0 if error is None else factor * error.sd)
     code = "calibration.scene_scale" if of_scene else "calibration.camera_scale"
     finding = Finding(code, "note", {"factor": scale.factor, "std": scale.std})
     findings = [*findings, finding]
