@@ -196,7 +196,10 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
             how = {"details": wishes.details, "paper": wishes.paper}
             written += f"\nWrote {result.report(outputs.report, about=wishes.about, verdicts=badges, **how)}\n"
     if outputs.as_json:
-        more_of: JsonObject = {"usable": result.usable, "reasons": list(result.reasons)}
+        from ..calibration.report.rig_sections import headline
+
+        more_of: JsonObject = {"headline": headline(result)[0], "usable": result.usable}
+        more_of |= {"reasons": list(result.reasons)}
         more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(signed_text(result.to_dict() | more_of))
     elif quiet():

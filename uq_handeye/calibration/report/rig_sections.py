@@ -23,6 +23,7 @@ from ..estimate.error_of_X import points_of, radius_95
 from ..estimate.rig_poses import RigPoses
 from ..statement.tolerance import percent
 from .facts import numbers_of
+from .first_screen import step_after
 
 # The headline is a caution where a larger share of the views is rejected.
 MAX_REJECTED_VIEWS = 0.1
@@ -97,7 +98,9 @@ def _answer(result: RigPoses, verdicts: Sequence[Badge]) -> list[Block]:
     said = [Points.of_findings(result.findings)] if result.findings else []
     others = [reason for reason in result.reasons if reason not in map(str, result.findings)]
     lines = [*others, *result.rejected_words]
-    return [*blocks, *said, *([Points(lines)] if lines else [])]
+    step = step_after([one for one in result.findings if one.severity != "note"])
+    after = [] if step is None else [Paragraph(f"Next: {step.rstrip('.')}.", hang="  ")]
+    return [*blocks, *said, *([Points(lines)] if lines else []), *after]
 
 
 def _checks(result: RigPoses) -> list[str]:
