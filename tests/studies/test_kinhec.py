@@ -22,7 +22,7 @@ def test_an_interrupted_run_is_continued(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(KeyboardInterrupt):
         kinhec.measure(False, kept)
     with kept.open("a", encoding="utf-8") as file:
-        file.write('{"full": false, "num')  # killed while it wrote
+        file.write('\n{"full": false, "num')  # killed while it wrote
     first = [*made]
     made.clear()
     monkeypatch.setattr(kinhec, "sequence_of", lambda track, number, full: made.append((track, number)) or made[-1])
