@@ -68,7 +68,8 @@ def main() -> None:
     beside = np.eye(4)
     beside[0, 3] = 0.1  # m
     second = uq.simulate(n_poses=N_POSES + N_NEW, noise=NOISE, seed=2)
-    error = inverse(second.truth.camera) @ second.camera if second.truth is not None else second.camera
+    assert drawn.truth is not None and second.truth is not None  # simulated poses carry it
+    error = inverse(second.truth.camera) @ second.camera
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for start, part in (("", slice(0, N_POSES)), ("new_", slice(N_POSES, None))):

@@ -30,8 +30,6 @@ ERROR_MODEL = (
     "The error is xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau, both in the parent frame of X (rotation "
     "vector in rad, translation in m)."
 )
-# Characters of the names of files in the conditions.
-MAX_FILE_CHARACTERS = 70
 # Statements that every certificate makes, whatever its numbers.
 STANDING = (
     "Computed by software from the recorded poses, with the inputs declared by the user. It is not a calibration "
@@ -58,7 +56,7 @@ def measurand_of(result: Calibration) -> str:
 
 def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     """Return the recorded conditions of the measurement as names and texts."""
-    files = file_words(result, MAX_FILE_CHARACTERS)
+    files = file_words(result)
     rows = [("Data", f"{files}: {fit_words(result)}" if files else fit_words(result))]
     if result.table is not None:
         rejected = len(result.table.rejected)

@@ -28,10 +28,6 @@ _SOURCES = {
 }
 
 
-# Decimals of a number (mm, deg) without a standard deviation, beyond which there is rounding only.
-EXACT_DECIMALS = 9
-
-
 class Fact(NamedTuple):
     """A number as people read it, with its standard deviation; its forms are those of every output."""
 
@@ -66,7 +62,7 @@ class Fact(NamedTuple):
 
     @property
     def _shown(self) -> float:
-        return round(self.value, EXACT_DECIMALS) if self.sd is None else self.value
+        return round(self.value, 9) if self.sd is None else self.value  # what is exact ends in rounding errors
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def fit_words(result: Calibration) -> str:
     return ", ".join(parts)
 
 
-def file_words(result: Calibration, room: int) -> str:
+def file_words(result: Calibration, room: int = 70) -> str:
     """Return the names of the files in ``room`` characters, the last ones by their number; empty without files."""
     sources = () if result.provenance is None else result.provenance.sources
     names = list(dict.fromkeys(source.name for source in sources))

@@ -118,9 +118,9 @@ def _rows(poses: Sequence[EstimatedPose]) -> list[list[str]]:
     return [[one.frame, *(f"{MM_PER_M * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
 
 
-def poses_table(result: RigPoses) -> Table:
-    """Return the poses with the lengths of their errors; what moved before and after the move."""
-    shown = result.split or result.singles  # where a pose moved, that of all views together is neither
+def poses_table(result: RigPoses, more: Sequence[EstimatedPose] = ()) -> Table:
+    """Return the poses, and ``more``, with the lengths of their errors; what moved before and after the move."""
+    shown = [*(result.split or result.singles), *more]  # where a pose moved, that of all views together is neither
     rows = [[*row, str(one.count or "")] for row, one in zip(_rows(shown), shown, strict=True)]
     caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
     if result.split:

@@ -110,7 +110,7 @@ class RigPage(BrowserPage):
         super().__init__(host, port)
         self.result = result
         words = f"Rig of {result.rig.words}"
-        self._gui.add_html(panel("rig", words, headline(result), poses_table(result), COLUMNS_OF_POSES))
+        self._gui.add_html(panel("rig", words, headline(result), poses_table(result, result.pairs), COLUMNS_OF_POSES))
         self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1

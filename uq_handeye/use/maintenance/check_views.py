@@ -45,8 +45,6 @@ from .causes import (
     compare_candidates,
 )
 
-# One wrong view can be separated from a change where there are as many.
-MIN_VIEWS_FOR_WRONG_VIEW = 3
 UNCHANGED, MOVED, CHANGED, CANNOT_TELL = "unchanged", "moved", "changed", "cannot tell"
 _STATUS = {UNCHANGED: "ok", MOVED: "failed", CHANGED: "failed", CANNOT_TELL: "caution"}
 FORMAT = "uq-handeye rig check 1"
@@ -287,7 +285,7 @@ def _candidates(result: RigPoses, rig: Rig, found: RigEvidence) -> list[Candidat
             if name in rig.targets:
                 size = found.changed(F_size * np.equal(graph.W, u)[:, None, None])
                 candidates.append(Candidate(TARGET_SIZE, size, of=name))
-    if graph.E >= MIN_VIEWS_FOR_WRONG_VIEW:
+    if graph.E >= 3:  # one wrong view can be separated from a change
         candidates.append(_wrong_view(rig, found))
     return candidates
 
