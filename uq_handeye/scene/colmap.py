@@ -101,13 +101,13 @@ class Matched:
             return [np.array(database.read_keypoints(int(id))[:, :2], dtype=float) for id in self.ids]
 
     @cached_property
-    def raw(self) -> dict[tuple[int, int], NDArray[np.intp]]:
+    def raw(self) -> dict[tuple[int, int], NDArray[np.uint32]]:
         """Matches (k, 2) of the features of pairs of pictures before they are verified."""
         module = pycolmap()
         with _opened(module, self.database) as database:
             pairs, matches = database.read_all_matches()
         found = {self._pair(module, pair): one for pair, one in zip(pairs, matches, strict=True)}
-        return {pair: np.asarray(one, dtype=np.intp) for pair, one in found.items() if len(one)}
+        return {pair: np.asarray(one, dtype=np.uint32) for pair, one in found.items() if len(one)}
 
     @cached_property
     def stationary(self) -> list[NDArray[np.intp]]:
