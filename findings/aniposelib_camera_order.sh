@@ -10,9 +10,9 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/env"
-"$folder/env/bin/pip" install -q --no-deps "aniposelib==0.8.0" || exit 2
 "$folder/env/bin/pip" install -q "numpy==2.2.6" "scipy==1.17.1" "numba==0.68.1" "pandas==3.1.1" "toml==0.10.2" "tqdm==4.70.1" \
   "opencv-contrib-python-headless==4.12.0.88" || exit 2
+"$folder/env/bin/pip" install -q --no-deps "aniposelib==0.8.0" || exit 2
 FOLDER=$folder "$folder/env/bin/python" - <<'PY'
 import os
 import sys
