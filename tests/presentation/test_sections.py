@@ -28,6 +28,7 @@ def test_sections_come_in_the_order_of_the_list_and_only_those_selected_are_made
         selected(listed(), ("two",))
 
 
+@pytest.mark.slow
 def test_outputs_name_sections_that_there_are():
     result = uq.calibrate(uq.simulate(n_poses=6, seed=1))
     named = {part.anchor for part in calibration_parts(result)}
