@@ -195,17 +195,20 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
         )
     at, count, theta = start, kept if task.robust else np.ones(graph.E, dtype=bool), None
     begin: NDArray[np.bool_] | RigFit = count
+    parts = components_of(task.rig, graph, task.shared, width=width, request=task.request)
     for done in range(6):
-        sizes = find_sizes(task, at, count, width, theta, whole=False)
+        sizes = find_sizes(task, parts, at, count, width, theta, whole=False)
         begin = found = _fitted(task, sizes.noise, at, begin)[0].without_rows
         # a view at the edge must not come and go: from the third round on none comes back
         at, theta, again = found.at, sizes.theta, (found.view_weights > 0.5) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)
         settled = int((again != count).sum()) <= MAX_FLICKERING_SHARE * graph.E and width == before
         count = again
+        if width != before:
+            parts = components_of(task.rig, graph, task.shared, width=width, request=task.request)
         if settled:
             break
-    sizes = find_sizes(task, at, count, width, theta)
+    sizes = find_sizes(task, parts, at, count, width, theta)
     return _estimated(*_fitted(task, sizes.noise, at, begin), sizes)
 
 

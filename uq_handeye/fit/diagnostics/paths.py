@@ -111,7 +111,8 @@ class RigPath(Record):
 
 def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     """Return every path of a fit: those through pairs of camera and target, then those in time."""
-    return (*_through_pairs(found, _white(found)), *_in_time(rig, found))
+    white = _white(found)
+    return (*_through_pairs(found, white), *_in_time(rig, found, white))
 
 
 def _white(found: RigFit) -> list[Array]:
@@ -176,9 +177,9 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     return paths
 
 
-def _in_time(rig: Rig, found: RigFit) -> list[RigPath]:
+def _in_time(rig: Rig, found: RigFit, white: list[Array]) -> list[RigPath]:
     """Each pose from one moment on, the one of the largest chi-square."""
-    graph, white, paths = found.graph, _white(found), list[RigPath]()
+    graph, paths = found.graph, list[RigPath]()
     moment, names = moments_of(rig, graph)
     for u in range(graph.m):
         parts, at = _rows_in_time(found, white, moment, u)
@@ -410,7 +411,7 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     rejected = float((1.0 - weight).sum())
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
     limit = largest_by_chance(graph.E + graph.P)
-    remaining = max((one.chi_square for one in _in_time(task.rig, fitted)), default=0.0)
+    remaining = max((one.chi_square for one in _in_time(task.rig, fitted, _white(fitted))), default=0.0)
     return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale, remaining, scale * S)
 
 

@@ -202,6 +202,11 @@ class Graph:
         L, Q = self.products(at, C=np.broadcast_to(np.eye(4), self.C.shape))
         return np.asarray(inverse(L) @ Q)
 
+    def residuals(self, at: Array) -> Array:
+        """(E, 6) of r at the unknowns (m, 4, 4) and the measured poses."""
+        L, Q = self.products(at)
+        return np.concatenate([logarithm(L[:, :3, :3] @ Q[:, :3, :3].mT), L[:, :3, 3] - Q[:, :3, 3]], axis=-1)
+
     def linearise(self, at: Array, robot: Array | None = None, C: Array | None = None) -> Sides:
         """r and its derivatives at the unknowns (m, 4, 4) and the (measured or corrected) poses."""
         robot, C = self.robot if robot is None else robot, self.C if C is None else C

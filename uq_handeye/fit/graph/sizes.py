@@ -280,17 +280,22 @@ def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
 
 
 def find_sizes(
-    task: Task, at: Array, kept: NDArray[np.bool_], width: float = 1.0, theta: Array | None = None, whole: bool = True
+    task: Task,
+    parts: tuple[ErrorTerm, ...],
+    at: Array,
+    kept: NDArray[np.bool_],
+    width: float = 1.0,
+    theta: Array | None = None,
+    whole: bool = True,
 ) -> Found:
-    """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
+    """Find the sizes of components near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
 
-    ``theta`` (k,): logarithms to begin with. ``whole``: integrate over the uncertainty of the sizes instead of taking
-    the most probable ones only.
+    ``parts``: the components, for targets of that width. ``theta`` (k,): logarithms to begin with. ``whole``: integrate
+    over the uncertainty of the sizes instead of taking the most probable ones only.
 
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
     rig, graph = task.rig, task.graph
-    parts = components_of(rig, graph, task.shared, width=width, request=task.request)
     used = graph.of_edges(
         _spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES if whole else MAX_VIEWS_FOR_SIZES // 2)
     )

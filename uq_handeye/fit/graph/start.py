@@ -70,7 +70,7 @@ def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> t
     """
 
     def sizes(T: Array) -> Array:
-        return np.asarray(np.linalg.norm(graph.linearise(T).r.reshape(-1, 2, 3), axis=-1))
+        return np.asarray(np.linalg.norm(graph.residuals(T).reshape(-1, 2, 3), axis=-1))
 
     rng, scale = np.random.default_rng(seed), np.maximum(np.median(sizes(at), axis=0), 1e-12)
     best, least = at, 0.5
@@ -116,7 +116,7 @@ def _all_seen(graph: Graph, kept: NDArray[np.bool_]) -> bool:
 
 def agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
     """Return the edges whose residuals of rotation and of translation are not far above the median."""
-    r = graph.linearise(at).r.reshape(-1, 2, 3)
+    r = graph.residuals(at).reshape(-1, 2, 3)
     size = np.linalg.norm(r, axis=-1)
     median = np.maximum(np.median(size, axis=0), 1e-12)
     return np.asarray((size <= OUTLIER_MEDIANS * median).all(axis=-1))
