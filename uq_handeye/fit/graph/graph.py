@@ -31,8 +31,8 @@ from ...core.geometry.se3 import Array, block, inverse, logarithm, skew
 from ...model.rig.description import WORLD, Rig
 
 _EYE = np.eye(3)
-# Groups of rows that are made, whitened and summed at once: what is made of them on the way stays small.
-GROUPS_TOGETHER = 1000
+# Views whose groups of rows are made, whitened and summed at once: what is made of them on the way stays in the cache.
+VIEWS_TOGETHER = 1000
 Index = NDArray[np.intp]
 
 
@@ -53,7 +53,7 @@ class Sides(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Groups of e edges and q robot poses each, `GROUPS_TOGETHER` at most."""
+    """Groups of e edges and q robot poses each, of `VIEWS_TOGETHER` views at most."""
 
     edges: Index  # (b, e)
     robots: Index  # (b, q) numbers of measured robot poses
@@ -282,8 +282,9 @@ class Graph:
 
 
 def _in_parts(batch: Batch) -> list[Batch]:
-    """Return the groups of a batch in parts of `GROUPS_TOGETHER`."""
-    parts = (slice(start, start + GROUPS_TOGETHER) for start in range(0, len(batch.edges), GROUPS_TOGETHER))
+    """Return the groups of a batch in parts of `VIEWS_TOGETHER`."""
+    count = max(1, VIEWS_TOGETHER // batch.edges.shape[1])
+    parts = (slice(start, start + count) for start in range(0, len(batch.edges), count))
     left, right = batch.local
     return [Batch(batch.edges[of], batch.robots[of], (left[of], right[of])) for of in parts]
 
