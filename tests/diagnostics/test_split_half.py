@@ -11,6 +11,7 @@ import uq_handeye as uq
 from uq_handeye.fit.diagnostics.split_half import SplitHalf, _halves, split_fit
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.model.noise.joint_covariance import JointCovariance
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -201,3 +202,14 @@ def test_too_little_to_estimate_from():
     noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
     found = split_half(uq.simulate(8, noise=noise, seed=1), noise, dof=5.0)
     assert not found.possible and "5 degrees of freedom only" in str(found.reason)
+
+
+def test_halves_that_share_all_their_errors_are_no_test(monkeypatch):
+    poses = uq.simulate(n_poses=20, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm")), seed=3)
+    own = np.tile(np.diag([1e-6] * 3 + [1e-6] * 3), (20, 1, 1))
+    noise = uq.PoseNoise(camera=JointCovariance(own, np.full((20, 6, 1), 1e-4)))
+    monkeypatch.setattr(
+        "uq_handeye.fit.diagnostics.split_half._between", lambda *_: np.eye(6)
+    )  # more than the variance of both
+    found = split_half(poses, noise)
+    assert not found.possible and "the same" in found.sentence

@@ -233,15 +233,13 @@ class _Run:
             "rows."
         )
 
-    def _with_robot(
-        self, seen: Matched, main: Placed, stop: bool, least: int = 4
-    ) -> tuple[Placed, float | None, Pull | None]:
+    def _with_robot(self, seen: Matched, main: Placed, stop: bool) -> tuple[Placed, float | None, Pull | None]:
         """Return the scene in metres with all pictures that the robot can place; and the deviation of the scale."""
         found = scale_by_screws(self._G[main.rows], main.scene.poses)
         if found is None:
             return centred(main), None, None
         main = centred(replace(main, scene=main.scene.scaled(found[0])))
-        if stop or main.n < least:
+        if stop or main.n < MIN_PICTURES_OF_SCENE:
             return main, found[1], None
         pull, scale_sd = None, found[1]
         for max_error in ERRORS_OF_ROUNDS_PX:

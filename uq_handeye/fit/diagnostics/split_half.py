@@ -172,7 +172,10 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
         back = [pulled(factor, part)[..., :-1] for factor, part in zip(factors, white, strict=True)]
         K = _between(fit.S, halves, [of[..., :6, :] for of in C], back)
         V = V - K - K.mT
-    unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
+    spread = np.diagonal(V, axis1=-2, axis2=-1)
+    if not (spread > 0).all():  # but for rounding, all of it is what both halves share
+        return without("half_fails", error="The errors of both halves are the same.")
+    unit = 1.0 / np.sqrt(spread)
     scaled = V * unit[..., :, None] * unit[..., None, :]
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
     p = chdtrc(6, d2) if dof is None else fdtrc(6, dof, d2 / 6)
