@@ -79,8 +79,8 @@ def cell() -> Cell:
     """Return the cell: three fixed cameras 150 mm apart, turned towards a board 0.55 to 0.8 m away."""
     rng = np.random.default_rng(SEED)
     columns, rows = GRID
-    points = SQUARE_M * np.stack([*np.meshgrid(np.arange(columns), np.arange(rows)), np.zeros((rows, columns))], -1)
-    points = points.reshape(-1, 3)
+    grid = np.stack([*np.meshgrid(np.arange(columns), np.arange(rows)), np.zeros((rows, columns))], -1)
+    points = np.asarray(SQUARE_M * grid.reshape(-1, 3), dtype=float)
     cameras = np.stack([_pose([0, 0, 0], [0, 0, 0]), inverse(_pose([0.02, -0.21, 0.03], [0.15, 0.01, 0.01])),
                         inverse(_pose([-0.03, -0.42, -0.02], [0.30, -0.01, 0.05]))])  # fmt: skip
     boards: list[Array] = []
@@ -134,20 +134,20 @@ def least_squares(truth: Cell, pixels: Array, given: Array, sd: Array) -> tuple[
         J = np.zeros((views, n, size, board_at + 6 * n))
         seen = partial(project, truth.points)
 
-        def slope(plus: Array, minus: Array, h: float) -> Array:
-            return ((plus - minus) / (2 * h)).reshape(views, n, size)
-
-        for i in range(6):
-            h = step[i] * np.eye(6)[i]
-            by_camera = slope(*(seen(perturb(cameras, s * h), boards, lenses) for s in (1, -1)), step[i])
-            by_board = slope(*(seen(cameras, perturb(boards, s * h), lenses) for s in (1, -1)), step[i])
+        for i, axis in enumerate(np.eye(6)):
+            h = step[i] * axis
+            ahead, back = (seen(perturb(cameras, way * h), boards, lenses) for way in (1, -1))
+            by_camera = ((ahead - back) / (2 * step[i])).reshape(views, n, size)
+            ahead, back = (seen(cameras, perturb(boards, way * h), lenses) for way in (1, -1))
+            by_board = ((ahead - back) / (2 * step[i])).reshape(views, n, size)
             for c in range(1, views):
                 J[c, :, :, 6 * (c - 1) + i] = by_camera[c]
             for k in range(n):
                 J[:, k, :, board_at + 6 * k + i] = by_board[:, k]
         for j, name in enumerate(free):
             h = step[6 + name] * np.eye(FREE_LENS)[name]
-            by_lens = slope(*(seen(cameras, boards, lenses + s * h) for s in (1, -1)), step[6 + name])
+            ahead, back = (seen(cameras, boards, lenses + way * h) for way in (1, -1))
+            by_lens = ((ahead - back) / (2 * step[6 + name])).reshape(views, n, size)
             for c in range(views):
                 J[c, :, :, lens_at + len(free) * c + j] = by_lens[c]
         J = J.reshape(-1, J.shape[-1]) / NOISE_PX
@@ -157,7 +157,7 @@ def least_squares(truth: Cell, pixels: Array, given: Array, sd: Array) -> tuple[
         pull = np.zeros(J.shape[1])
         pull[lens_at:board_at] = (given - lenses)[:, free].ravel() * weight[lens_at:board_at]
         H = J.T @ J + np.diag(weight)
-        d = np.linalg.solve(H, J.T @ r + pull)
+        d = np.asarray(np.linalg.solve(H, J.T @ r + pull), dtype=float)
         cameras[1:] = perturb(cameras[1:], d[:lens_at].reshape(-1, 6))
         lenses[:, free] += d[lens_at:board_at].reshape(views, -1)
         boards = perturb(boards, d[board_at:].reshape(-1, 6))
