@@ -13,7 +13,7 @@ from uq_handeye.fit.empirical_covariance.resampled import resampled
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.own_residuals import own_residuals
-from uq_handeye.fit.likelihood.shared_estimates import estimates_of, posterior_of_fit
+from uq_handeye.fit.likelihood.shared_estimates import _to_unit, estimates_of, posterior_of_fit
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
@@ -171,3 +171,10 @@ def test_columns_that_are_the_same_are_one_for_the_residuals():
     np.testing.assert_allclose(found.shared[0].estimate, expected.shared[0].estimate / 2, rtol=1e-6)
     normality = [result.analysis.diagnostics.normality.p_value for result in (found, expected)]
     assert normality[0] == pytest.approx(normality[1], rel=1e-6)
+
+
+def test_shares_of_a_covariance_that_rounding_leaves_singular():
+    """Of a direction without variance no share is computed; the others are as they were."""
+    moves = np.random.default_rng(0).normal(size=(6, 2))
+    inside = _to_unit(moves @ moves.T) @ moves[:, 0]
+    assert np.sum(inside**2) == pytest.approx(1.0)

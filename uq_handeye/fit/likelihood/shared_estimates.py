@@ -140,7 +140,7 @@ def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) 
     ]
     if not parts:
         return ()
-    to_unit, p, found = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6])), posterior.p, []
+    to_unit, p, found = _to_unit(fit.covariance[:6, :6]), posterior.p, []
     for error, key, sd, k in parts:
         left = float(np.clip(posterior.covariance[p + k, p + k] / sd**2, EPS, 1.0))
         told, value, effect = 1.0 - left, float(posterior.estimate[k]), posterior.covariance[:6, p + k] / sd
@@ -157,6 +157,14 @@ def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) 
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _to_unit(C: Array) -> Array:
+    """Return R with ``R C R^T = 1`` on what C (6, 6) determines; rounding may leave a direction without variance."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(C), 1e-300))
+    values, vectors = np.linalg.eigh(C * np.outer(unit, unit))
+    known = values > CHAIN_ROUNDING
+    return np.asarray((vectors[:, known] / np.sqrt(values[known])).T * unit)
 
 
 def of_moves(moves: Array) -> Array:
