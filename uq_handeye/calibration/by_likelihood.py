@@ -39,7 +39,8 @@ from ..fit.likelihood.shared_estimates import (
     without_shared_errors,
 )
 from ..fit.likelihood.starts import leaves_open, start_open
-from ..fit.one_model.estimation import ROUGH_GAIN, FoundSizes, JointModel
+from ..fit.one_model.estimation import FoundSizes, JointModel
+from ..fit.one_model.mode import ROUGH_GAIN
 from ..fit.one_model.noise_report import noise_estimate_of
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.request import of_motions

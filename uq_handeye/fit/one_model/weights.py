@@ -36,8 +36,8 @@ from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, Fit, fit
 from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly, is_weak_minority, judged_by
-from .estimation import ROUGH_GAIN, FoundSizes, JointModel
-from .mode import Mode
+from .estimation import FoundSizes, JointModel
+from .mode import ROUGH_GAIN, Mode
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
