@@ -49,7 +49,7 @@ def _(before: Sequence[str], after: Sequence[str], points: int, of: int, length:
     by = "" if length is None else f" by {digits(1e3 * length, 2)} mm"
     return (
         f"An object of the scene moved{by}: {points:,} of {of:,} points are at one place in {_listed(before)} and at "
-        f"another in {_listed(after)}. Each place was used by itself, and X does not depend on the motion."
+        f"another in {_listed(after)}. Each place was used by itself."
     )
 
 
