@@ -30,14 +30,19 @@ def folder_of_command(folder: StrPath, command: str, files: Sequence[str]) -> Pa
     return path
 
 
-def description_in(path: Path, format_name: str | None = None) -> dict[str, Any]:
+def description_in(path: Path, format_name: str) -> dict[str, Any]:
     """Return the fields of a description, JSON or YAML; raises `InputError` for another format than is named."""
     with opened(path, MAX_DESCRIPTION_BYTES) as file:
-        tree = parse_tree(file.read(), shown(path))
-    if format_name is not None and fields_of(tree).get("format") != format_name:
-        came = short(str(fields_of(tree)["format"])) if "format" in fields_of(tree) else got(tree)
-        raise InputError(f"{shown(path)}: expected the format {format_name!r}, got {came}.")
-    return fields_of(tree)
+        return fields_of_format(parse_tree(file.read(), shown(path)), format_name, shown(path))
+
+
+def fields_of_format(tree: Any, format_name: str, where: str) -> dict[str, Any]:
+    """Return the fields of a tree; raises `InputError` for another format than is named."""
+    fields = fields_of(tree)
+    if fields.get("format") != format_name:
+        came = short(str(fields["format"])) if "format" in fields else got(tree)
+        raise InputError(f"{where}: expected the format {format_name!r}, got {came}.")
+    return fields
 
 
 def arrays_in(path: Path) -> dict[str, NDArray[Any]]:

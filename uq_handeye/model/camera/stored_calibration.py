@@ -20,7 +20,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
-from ...formats.command_folder import arrays_in, description_in, folder_of_command
+from ...formats.command_folder import arrays_in, description_in, fields_of_format, folder_of_command
 from ...formats.csv_poses import read_pose_file
 from .adjustment.bundle import Bundle, BundleUnknowns, Prior, Sight
 from .adjustment.criterion import Candidate
@@ -48,7 +48,7 @@ def read_camera(folder: StrPath) -> CameraCalibration:
         A folder that is none, lacks a file, or whose files do not belong together.
     """
     path = folder_of_command(folder, "camera", (INTRINSICS, COVARIANCE, CORNERS, POSES))
-    name, tree = shown(path), description_in(path / INTRINSICS)
+    name, tree = shown(path), description_in(path / INTRINSICS, FORMAT)
     corners, used = corners_and_used(path / CORNERS)
     arrays = arrays_in(path / COVARIANCE)
     with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
@@ -133,10 +133,7 @@ def calibration_from_parts(
     InputError
         Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
     """
-    tree = fields_of(data)
-    if tree.get("format") != FORMAT:
-        came = short(str(tree["format"])) if "format" in tree else got(data)
-        raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
+    tree = fields_of_format(data, FORMAT, name)
     if (called := str(tree["model"])) not in MODELS:
         raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(called)}.")
     model, board = MODELS[called], fields_of(tree["board"])
