@@ -108,6 +108,28 @@ def test_a_random_walk_of_odometry_is_found_and_covered() -> None:
     assert max(d2) < 16.8 and np.mean(d2) > 0.7, d2  # 99 % of chi-square(6)
 
 
+@pytest.mark.statistical
+def test_a_scale_that_walks_is_found_and_covered() -> None:
+    """A walk of the scale that the residuals of rotations do not show: X without it is up to 100 d^2 off."""
+    d2 = []
+    for seed in range(4):
+        poses = uq.simulate(
+            150, noise=uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.1deg", "0.5mm")), seed=seed
+        )
+        assert poses.truth is not None
+        order = np.argsort(poses.robot[:, 0, 3])
+        camera = poses.camera[order].copy()
+        walk = np.cumsum(np.random.default_rng(seed).normal(0.0, 2e-3, len(camera)))
+        camera[:, :3, 3] *= 0.5 * np.exp(walk)[:, None]
+        result = uq.calibrate(uq.PosePairs(poses.robot[order], camera), camera_scale="unknown")
+        assert result.usable and result.covariance is not None
+        assert any("walk" in str(one.key) for one in result.shared), seed
+        turn = Rotation.from_matrix(poses.truth.X[:3, :3] @ result.X[:3, :3].T).as_rotvec()
+        xi = np.r_[turn, poses.truth.X[:3, 3] - result.X[:3, 3]]
+        d2.append(float(xi @ np.linalg.solve(result.covariance, xi)))
+    assert max(d2) < 22.5 and np.mean(d2) > 0.7, d2  # 99.9 % of chi-square(6)
+
+
 def test_there_is_no_walk_without_one() -> None:
     poses = _scaled(uq.simulate(40, noise=NOISE, seed=5), 1.0)
     assert not any("walk" in str(one.key) for one in uq.calibrate(poses).shared)

@@ -50,7 +50,7 @@ def same_columns(a, b):
 def test_the_quick_size_runs(name, tmp_path, capsys):
     study = study_of(name)
     assert study.name == name
-    study = replace(study, measure=lambda _: quick_tables(name))
+    study = replace(study, measure=lambda *_: quick_tables(name))
     study.run(importlib.import_module(f"studies.{name}").__doc__, ["-o", str(tmp_path)])
     folder = tmp_path / name
     text = (folder / FINDINGS).read_text(encoding="utf-8")

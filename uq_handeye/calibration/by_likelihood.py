@@ -44,7 +44,7 @@ from ..fit.one_model.mode import ROUGH_GAIN
 from ..fit.one_model.noise_report import noise_estimate_of
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.request import of_motions
-from ..fit.one_model.weights import TAIL_SLACK, cost_of, fitted_again, settle, weigh, weigh_from_two_starts
+from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.error_terms.key import ErrorKey, Kind
 from ..model.error_terms.keys import (
@@ -61,6 +61,7 @@ from ..model.error_terms.keys import (
     SIZES_OPEN,
     TARGET_SCALE,
     VIEW,
+    WALKS,
 )
 from ..model.kinematics.kinematic_errors import ACCURATE
 from ..model.noise.camera_noise import CameraNoise
@@ -197,9 +198,14 @@ def _walking(
         answer = settle(walked, again.noise, again.fit, again, sizes, job.method, _at_corrected)
     except (InputError, NotConvergedError):
         return None
-    n = poses.n
-    gain = cost_of(fit, found, n) - cost_of(answer[2], answer[0], n)
-    return answer if gain > MIN_LOG_EVIDENCE_OF_WALK else None
+    # Both by the same rows: those that both keep, as many as the walk is found by.
+    rows = np.zeros(poses.n)
+    rows[np.intersect1d(found.kept, answer[0].kept)] = 1.0
+    with suppress(InputError, NotConvergedError):
+        without = replace(source, most_used=walked.most_used).find(fit.unknowns, rows).mode.log_evidence
+        gain = walked.find(answer[2].unknowns, rows).mode.log_evidence - without
+        return answer if gain > MIN_LOG_EVIDENCE_OF_WALK else None
+    return None
 
 
 def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, JointModel]:
@@ -462,6 +468,10 @@ def _of_fit(
     if poses is None or of_motions(noise):
         return check_motions(job.motions, None if estimate else noise, fit.covariance_X, *off, fit.X)
     assert isinstance(noise, PoseNoise)
+    if any(error.key in WALKS.values() for error in job.shared):  # a walk is no other reading of the files
+        corrected_by = without_shared_errors(fit, noise, poses.robot, poses.camera)
+        if corrected_by is not None:
+            poses = PosePairs(*corrected_by, poses.setup, poses.timestamps)
     kept = table.weight > 0
     rest, rest_noise = (poses, noise) if kept.all() else (poses.rows(kept), noise.rows(kept))
     # estimated noise explains any residuals, and shows only how those of the poses differ

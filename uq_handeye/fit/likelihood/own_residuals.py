@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.error_terms.keys import CAMERA_SCALE
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
@@ -56,13 +57,27 @@ def own_residuals(fit: Fit) -> OwnResiduals:
 
 
 def walks(fit: Fit, poses: PosePairs) -> bool:
-    """Return whether residuals of neighbouring poses are so much alike that their noise is that of a walk."""
+    """Return whether residuals of neighbouring poses are so much alike that their noise is that of a walk.
+
+    Looked at are all components together. Camera poses of a scale of their own are those of odometry: then also each
+    component by itself, and what a change of the scale would do.
+    """
     rows = np.arange(poses.n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
     if poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
     if len(rows) < MIN_POSES_OF_WALK:
         return False
-    white = (fit.white[0] if joint_of(fit.S) is None else own_residuals(fit).e)[rows]
-    white = white / np.maximum(np.sqrt(np.mean(white**2, axis=0)), 1e-12)
-    correlation = float(np.mean(white[1:] * white[:-1]))
-    return bool(correlation > max(MIN_WALK_CORRELATION, MIN_WALK_SD / np.sqrt(white[1:].size)))
+    S = joint_of(fit.S)
+    white = fit.white[0] if S is None else own_residuals(fit).e
+    series = [white]
+    if S is not None and CAMERA_SCALE in S.keys:
+        series += [*white.T[..., None]]
+        by_scale = whiten(cholesky_of(S.own), S.shared[..., [S.keys.index(CAMERA_SCALE)]])[..., 0]
+        series.append((by_scale * white).sum(axis=-1, keepdims=True))
+    return any(_neighbours_alike(values[rows]) for values in series)
+
+
+def _neighbours_alike(values: Array) -> bool:
+    values = values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-12)
+    correlation = float(np.mean(values[1:] * values[:-1]))
+    return bool(correlation > max(MIN_WALK_CORRELATION, MIN_WALK_SD / np.sqrt(values[1:].size)))
