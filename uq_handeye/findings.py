@@ -304,6 +304,11 @@ def without_consequences(findings: Iterable[Finding]) -> list[Finding]:
     return [finding for finding in found if any(finding is one for one in (*causes, *of_input))]
 
 
+def step_after(findings: Sequence[Finding]) -> str | None:
+    """Return the advice of the first of some findings that has one."""
+    return next(filter(None, (finding.remedy for finding in findings)), None)
+
+
 def texts(findings: Iterable[Finding]) -> tuple[str, ...]:
     """The sentences of those that are more than a note."""
     return tuple(str(finding) for finding in findings if finding.severity != "note")

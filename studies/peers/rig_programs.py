@@ -200,8 +200,6 @@ PROGRAMS: dict[str, tuple[Callable[[Draw], Found], str]] = {
 
 def main(name: str, draws: str, found: str) -> None:
     """Run the program on each draw and write what it found."""
-    warnings.simplefilter("ignore")
-    logging.disable(logging.CRITICAL)
     run, package = PROGRAMS[name]
     with np.load(draws) as file:
         given = dict(file)
@@ -225,4 +223,6 @@ def main(name: str, draws: str, found: str) -> None:
 
 
 if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    logging.disable(logging.CRITICAL)  # here only: a process that imports this module keeps its messages
     main(*sys.argv[1:])

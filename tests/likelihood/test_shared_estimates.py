@@ -174,7 +174,7 @@ def test_columns_that_are_the_same_are_one_for_the_residuals():
 
 
 def test_shares_of_a_covariance_that_rounding_leaves_singular():
-    """Of a direction without variance no share is computed; the others are as they were."""
+    """A direction without variance has no share; the others are as they were."""
     moves = np.random.default_rng(0).normal(size=(6, 2))
     inside = _to_unit(moves @ moves.T) @ moves[:, 0]
     assert np.sum(inside**2) == pytest.approx(1.0)

@@ -1,4 +1,4 @@
-"""What does not stand still with the scene: a gripper in every picture, and an object that was moved half way."""
+"""Parts that do not stand still with the scene: a gripper in every picture, and an object that was moved half way."""
 
 from dataclasses import replace
 from pathlib import Path

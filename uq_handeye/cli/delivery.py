@@ -108,11 +108,11 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
-    from ..calibration.report.first_screen import step_after
     from ..calibration.statement.accuracy import NOT_USABLE as HEADLINE
     from ..calibration.statement.checks import failures_in_words
     from ..core.files.json_files import json_text
     from ..core.presentation.document import Answer, Paragraph
+    from ..findings import step_after
 
     reasons = failures_in_words(error.findings)
     if not reasons:

@@ -126,7 +126,7 @@ class Matched:
         return still / max(still + sum(self.verified.values()), 1)
 
     def still_region(self) -> NDArray[np.bool_] | None:
-        """Where the pictures show what stands still in them, (height, width); None where nothing does, or most."""
+        """Return where the pictures show what stands still, (height, width); None where nothing does, or most."""
         width, height = self.image_size
         cells = (-(-height // CELL_PX), -(-width // CELL_PX))
         still, every = np.zeros(cells), np.zeros(cells)

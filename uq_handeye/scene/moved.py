@@ -88,7 +88,7 @@ def _metres_per_pixel(placed: Placed) -> float:
 
 
 def _rigid(before: Array, after: Array, near: float, least: int, draws: int = 1000) -> NDArray[np.bool_]:
-    """Which pairs of points (l, 3) agree with the rigid motion that most of them agree with."""
+    """Return which pairs of points (l, 3) agree with the rigid motion that most of them agree with."""
     # a link says not which of its points was there first: both ways are tried
     P, Q = np.concatenate([before, after]), np.concatenate([after, before])
     best = np.zeros(len(P), dtype=bool)

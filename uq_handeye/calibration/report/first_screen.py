@@ -26,7 +26,7 @@ from ...core.presentation.document import (
     Table,
     to_text,
 )
-from ...findings import Finding
+from ...findings import step_after
 from ...fit.diagnostics.sentences import DECLARE
 from ...model.error_terms.key import Kind
 from ..result import Calibration
@@ -263,11 +263,6 @@ def step_of_cautions(result: Calibration) -> str | None:
     """Return the advice of the cautions, first of those that explain others."""
     first = [finding for finding in result.cautions if finding.record.first]
     return step_after([*first, *result.cautions])
-
-
-def step_after(findings: Sequence[Finding]) -> str | None:
-    """Return the advice of the first of some findings that has one."""
-    return next(filter(None, (finding.remedy for finding in findings)), None)
 
 
 def _about_largest(result: Calibration, accuracy: Accuracy) -> str | None:

@@ -17,13 +17,13 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED, INTERVAL
 from ...core.presentation.document import Answer, Badge, Block, Document, Paragraph, Points, Table, document_of
 from ...core.presentation.sections import Part, selected, text_of
+from ...findings import step_after
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
 from ..estimate.error_of_X import points_of, radius_95
 from ..estimate.rig_poses import RigPoses
 from ..statement.tolerance import percent
 from .facts import numbers_of
-from .first_screen import step_after
 
 # The headline is a caution where a larger share of the views is rejected.
 MAX_REJECTED_VIEWS = 0.1
