@@ -97,7 +97,6 @@ MIN_LOG_EVIDENCE_GAIN = 1.0
 MIN_LOG_EVIDENCE_OF_WALK = 5.0
 # An arm counts as a calibrated one where the logarithm of the evidence is larger by this, odds of 20 to 1.
 MIN_ACCURATE_GAIN = 3.0
-# Errors whose columns at other poses follow from the poses that they were bound to.
 # Findings after which the place of the camera needs no further word.
 PLACED = frozenset(
     f"input_checks.{name}"
@@ -112,6 +111,7 @@ PLACED = frozenset(
         "misread_axes",
     ]
 )
+# Errors whose columns at other poses follow from the poses that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, PRINCIPAL_POINT})
 
 
