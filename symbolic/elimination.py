@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sympy import Expr, Symbol, cse, numbered_symbols
 
 from .matrices import ClosedForm
 
 
-@dataclass(frozen=True)
-class Derived:
+class Derived(NamedTuple):
     """A derived matrix, row by row, as it is (`entries`) and after elimination.
 
     Evaluating `temporaries` in order and then `reduced` gives the same values as `entries`.

@@ -10,7 +10,7 @@ N_a, N_c half of a signed permutation each. Their values, the signs, u and w are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sympy import Matrix, Symbol, eye, zeros
 
@@ -25,8 +25,7 @@ def at_pose(expression: Matrix, R: Matrix, t: Matrix) -> Matrix:
     return expression.subs(dict(zip([*general_R, *general_t], [*R, *t], strict=True)), simultaneous=True)
 
 
-@dataclass(frozen=True)
-class IsoclinicPart:
+class IsoclinicPart(NamedTuple):
     """Vector part of a_left or c_right of F2(T, d) = normaliser * (u + sign * w/d)."""
 
     normaliser: Matrix

@@ -6,16 +6,15 @@ To add a matrix, write its derivation in one of the topical modules and give it 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 from sympy import Matrix, Symbol
 
 from . import derivatives, limit, octonion, procrustes, so4
 
 
-@dataclass(frozen=True)
-class Argument:
+class Argument(NamedTuple):
     """One input: its name in code, core shape, the symbol of each entry the derivation uses, its meaning."""
 
     name: str
@@ -24,8 +23,7 @@ class Argument:
     meaning: str
 
 
-@dataclass(frozen=True)
-class ClosedForm:
+class ClosedForm(NamedTuple):
     """One derived matrix. `shape` is (rows, columns), or (rows,) for a vector.
 
     `topic` groups the forms into modules; `equation` is the number in the paper, or the theory's section.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from .arm import Arm, ChainOptions, ErrorOptions, arm_of
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 CHOICES = ("raw", "rectified")
 
 
-@dataclass(frozen=True)
-class BagOptions:
+class BagOptions(NamedTuple):
     """Options of a bag.
 
     Options (Pose files):
@@ -44,8 +43,7 @@ class BagOptions:
     still: bool = False
 
 
-@dataclass(frozen=True)
-class RobotGiven:
+class RobotGiven(NamedTuple):
     """Robot of joint values, and the bag, as far as they are given."""
 
     arm: Arm | None
@@ -155,7 +153,7 @@ class BagGiven:
         if found.hint:
             LOG.info("%s: %s", recording.name, found.hint)
         if seen is not None and (matrix is None or matrix in CHOICES) and found.info is not None:
-            seen = replace(seen, options=replace(seen.options, camera_matrix=found.info.text()))
+            seen = seen._replace(options=replace(seen.options, camera_matrix=found.info.text()))
         return sides, seen, found.minima
 
 

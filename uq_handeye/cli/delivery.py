@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.files.about import read_about
 from ..core.numbers.limits import MIN_SHOWN_CORRELATION
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from ..trials.validation.cross_check.result import CrossCheck
 
 
-@dataclass(frozen=True)
-class Wanted:
+class Wanted(NamedTuple):
     """The requested tolerance; None: none."""
 
     tolerance: "Tolerance | None"
@@ -240,8 +239,7 @@ def deliver_camera_poses(
     return status
 
 
-@dataclass(frozen=True)
-class ReportOptions:
+class ReportOptions(NamedTuple):
     """Title block of the report, and how it is printed."""
 
     about: dict[str, str]  # title block, by the names of `files.about.ABOUT`

@@ -9,10 +9,9 @@ import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, NamedTuple, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -26,8 +25,7 @@ AnyCommand = TyperCommand | TyperGroup
 _SENTENCE_END = re.compile(r"(?<!e\.g)\. ")
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """Docstring of a command in its parts."""
 
     summary: str
@@ -35,8 +33,7 @@ class Description:
     paragraphs: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """An argument or option: its names with what it takes, its text, and where it is shown."""
 
     names: str

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import typer
 
@@ -49,8 +49,7 @@ class _Run:
 _run = _Run()
 
 
-@dataclass(frozen=True)
-class Messages:
+class Messages(NamedTuple):
     """Options of the messages, before or after the name of a command.
 
     Options (Messages):

@@ -4,9 +4,9 @@ New poses have the setup, the arm and the camera of the stored calibration.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ..errors import InputError, NotConvergedError
 from .arm import Arm, ChainOptions, ErrorOptions, arm_alone, split_sizes
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from ..model.shared_errors.shared_error import SharedError
 
 
-@dataclass(frozen=True)
-class NewPoses:
+class NewPoses(NamedTuple):
     """Options of the files of new poses.
 
     Options (Pose files):
@@ -107,8 +106,7 @@ class NewPoses:
         return Pictures(self.images, self.board, LensOptions(), of_result=camera)
 
 
-@dataclass(frozen=True)
-class Session:
+class Session(NamedTuple):
     """The poses of a command that calibrates first, with the declared noise and shared errors."""
 
     files: PoseFiles
@@ -188,8 +186,7 @@ METHODS = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 OF_DATA = COVARIANCE_NAMES[1:]
 
 
-@dataclass(frozen=True)
-class Data:
+class Data(NamedTuple):
     """Data of a calibration, as they are given.
 
     Options (Pose files):
@@ -206,8 +203,7 @@ class Data:
     watch: Path | None = None
 
 
-@dataclass(frozen=True)
-class Estimation:
+class Estimation(NamedTuple):
     """Options of the estimate.
 
     Options (Estimation):

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from ..errors import InputError
 from .shared_errors import SharedOptions
@@ -90,8 +90,7 @@ class NoiseOptions:
         return PoseNoise.isotropic(robot, camera), None
 
 
-@dataclass(frozen=True)
-class Given:
+class Given(NamedTuple):
     """Noise and shared errors as given."""
 
     noise: "Noise | StatedNoise | None"
@@ -197,7 +196,7 @@ def noise_of(given: Annotated["Given", given_of], prior: Annotated["NoisePrior |
         return given
     if given.prior is not None:
         raise InputError("The noise and a prior of it are both given. Give one of them.")
-    return replace(given, prior=prior)
+    return given._replace(prior=prior)
 
 
 def _deviations(value: str, name: str) -> tuple[float, float]:

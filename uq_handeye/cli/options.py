@@ -1,7 +1,7 @@
 """Declaration of the options of all commands by docstrings, and the options that several commands share.
 
-A parameter of a function, or a field of a dataclass, has its type and default where Python has them; the value and the
-help text of its option are in the docstring:
+A parameter of a function, or a field of a record (dataclass or NamedTuple), has its type and default where Python has
+them; the value and the help text of its option are in the docstring:
 
     Arguments:
       files = PICTURES: Pictures, or one table of corners.
@@ -18,7 +18,7 @@ of the module or of `names`, or words with ``|`` between them) or the function o
 ``{PAIRINGS}`` in the text lists a constant. The parameter of an option is the one of its name, or the one in front of
 ``=``. What several commands take is declared once, in `Common`, and found there by the name of the parameter.
 
-A parameter whose type is a dataclass with options, or ``Annotated[T, maker]``, is made of further options: those of the
+A parameter whose type is a record with options, or ``Annotated[T, maker]``, is made of further options: those of the
 fields, or of the parameters of ``maker``, which may be made of others in turn. Nothing heavy is imported here, so that
 help and completion load quickly.
 """
@@ -27,6 +27,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cache, wraps
 from typing import Annotated, Any, ClassVar
 
@@ -60,8 +61,8 @@ SHOWN_UNDER = {
 def maker_of(parameter: inspect.Parameter) -> Maker | None:
     """Return the maker of a parameter from further options: a group of them, or that of ``Annotated[T, maker]``."""
     annotation = parameter.annotation
-    if hasattr(annotation, "__dataclass_fields__"):
-        return annotation  # type: ignore[no-any-return]
+    if isinstance(annotation, type) and (is_dataclass(annotation) or hasattr(annotation, "_fields")):
+        return annotation
     return next((one for one in getattr(annotation, "__metadata__", ()) if callable(one)), None)
 
 

@@ -283,7 +283,7 @@ class PoseFiles(StreamFiles):
         """Return poses, noise and shared errors as `calibrate` takes them; ``sensors`` in place of the files."""
         from .pictures import either
 
-        of_all = given.shared if arm is None else replace(given.shared, robot_class=None)  # it is that of the arm
+        of_all = given.shared if arm is None else given.shared._replace(robot_class=None)  # it is that of the arm
         pictures, views = either(seen)
         files = self
         if sensors is None:

@@ -1,9 +1,9 @@
 """Options of the priors of X and W."""
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from .values import by_names
@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from ..model.rig.description import Rig
 
 
-@dataclass(frozen=True)
-class PosePriors:
+class PosePriors(NamedTuple):
     """Priors of X and W as they are given.
 
     Options (Prior knowledge):

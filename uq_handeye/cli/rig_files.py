@@ -75,7 +75,7 @@ def poses_of_rig_file(
     shared, noise = given.shared, options.pop("noise", None)
     if "kinematics" in options and shared.robot_class is not None:
         options["kinematic_errors"] = replace(options["kinematic_errors"], robot_class=shared.robot_class)
-        shared = replace(shared, robot_class=None)
+        shared = shared._replace(robot_class=None)
     return poses, noise, shared.errors(poses, noise), options
 
 

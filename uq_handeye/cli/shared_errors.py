@@ -1,9 +1,9 @@
 """Options of the errors that all poses share: intrinsics, target size, accuracy of the robot, clock."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError, require_one_of
 from .names import ACCURACY_CLASSES
@@ -21,8 +21,7 @@ DEFAULTS = ("defaults", "none")
 ERRORS = ("focal length", "principal point", "target scale", "robot scale", "clock offset")
 
 
-@dataclass(frozen=True)
-class SharedOptions:
+class SharedOptions(NamedTuple):
     """Options of the errors that all poses share.
 
     Options (Shared errors):

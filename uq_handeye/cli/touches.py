@@ -1,8 +1,7 @@
 """Options of touches: points that the camera saw and the tool then touched."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from .names import UNITS
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
     from ..model.kinematics.chain import Kinematics
 
 
-@dataclass(frozen=True)
-class TouchOptions:
+class TouchOptions(NamedTuple):
     """Options of a file of touches.
 
     Options (Touches):
@@ -74,8 +72,7 @@ class TouchOptions:
         return read_touches(path, arm, units=unit, touch_sd=lengths["tcp_sd"], point_sd=lengths["point_sd"], **more)
 
 
-@dataclass(frozen=True)
-class TouchesToUse:
+class TouchesToUse(NamedTuple):
     """Options of touches that a calibration takes in.
 
     Options (Touches):

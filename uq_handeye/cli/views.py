@@ -52,8 +52,7 @@ class ViewOptions(Options):
         return self.pixel_origin is not None and one_of(self.pixel_origin, "--pixel-origin", PIXEL_ORIGINS) == "corner"
 
 
-@dataclass(frozen=True)
-class Views:
+class Views(NamedTuple):
     """Target and camera of finished camera poses."""
 
     board: BoardOptions

@@ -2,9 +2,8 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from .messages import LOG, quiet
@@ -67,8 +66,7 @@ def question_of(
     return Question({**options, "prior": given.prior}, noise_and_shared, tolerance)
 
 
-@dataclass(frozen=True)
-class Watch:
+class Watch(NamedTuple):
     """Folder and question, and where the result goes."""
 
     folder: "Folder"

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -238,8 +238,7 @@ def _known(small: str) -> str | None:
     return None if match is None else _NAMES[match[1]]
 
 
-@dataclass(frozen=True)
-class Columns:
+class Columns(NamedTuple):
     """Columns that are used: time, x, y, z, and those of the ``rotation``, in the order of its form."""
 
     kind: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ NORM_TOLERANCE = 1e-3
 COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """A way to read the numbers of a pose: the ``format`` that says so, the form of the rotation, the length unit.
 
     ``units`` None: as for any file. ``rotation_first``: three numbers of the rotation stand before those of the

@@ -13,8 +13,9 @@ import csv
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,8 +64,7 @@ _EPSON = {f"r{axis}": axis for axis in "XYZUVW"}
 _SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One line of a table: the fields as texts, or the numbers behind their names."""
 
     line: int
@@ -214,7 +214,7 @@ def _named_rows(
         if len(rows) > MAX_ROWS:
             raise too_many(f"{name}, line {number}", MAX_ROWS)
     if names is None and rows and last and len(last) == len(rows[0].fields):
-        rows[0] = replace(rows[0], unknown=tuple(last))
+        rows[0] = rows[0]._replace(unknown=tuple(last))
         notes.append(f"columns taken in their order: the names {short(', '.join(last))} say nothing of a pose")
     elif title and rows:
         notes.append(f"lines without a pose left out: {title}")
@@ -424,7 +424,7 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
     if (times := _times(rows, count)) is not None:
         k, seconds = times
         rows = [
-            replace(row, fields=[repr(time) if j == k else field for j, field in enumerate(row.fields)])
+            row._replace(fields=[repr(time) if j == k else field for j, field in enumerate(row.fields)])
             for row, time in zip(rows, seconds, strict=True)
         ]
         if names is not None and meaning_and_unit(names[k])[0] != "timestamp":

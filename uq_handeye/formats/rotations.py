@@ -10,9 +10,8 @@ so is ``xyz`` with c, b, a.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 from itertools import product
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -38,8 +37,7 @@ _NUMBERS = {
 }
 
 
-@dataclass(frozen=True)
-class RotationForm:
+class RotationForm(NamedTuple):
     """One of the forms: its ``text``, how many ``numbers`` it has, 3, 4 or 9."""
 
     text: str

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 from .contents import Contents
 from .controllers.forms import ABOUT, NAMES
@@ -20,8 +20,7 @@ from .tf_echo import is_tf_echo, read_tf_echo
 _LAST = ("matrix", "table")
 
 
-@dataclass(frozen=True)
-class TextFormat:
+class TextFormat(NamedTuple):
     """A format of text.
 
     Parameters

@@ -138,7 +138,7 @@ def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:
     first, *others = poses.sources
     note = f"{len(rows)} pairs without joints in {name} are left out: {listed_rows(rows)}"
     left = replace(poses.rows(np.flatnonzero(have)), joints=values[have])
-    return replace(left, sources=(replace(first, notes=(*first.notes, note)), *others))
+    return replace(left, sources=(first._replace(notes=(*first.notes, note)), *others))
 
 
 def listed_rows(rows: NDArray[np.intp]) -> str:

@@ -580,5 +580,5 @@ def _noted(
     source = sources[k]
     for note in notes:
         _log.info("%s: %s", shown(path), note)
-    new = replace(source, notes=(*source.notes, *notes), format=format or source.format)
+    new = source._replace(notes=(*source.notes, *notes), format=format or source.format)
     return (*sources[:k], new, *sources[k + 1 :])

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import PurePath
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,7 @@ Fit: TypeAlias = tuple[Agreement, ReadingPair]
 Readings: TypeAlias = tuple[ReadingPair, ...]
 
 
-@dataclass(frozen=True)
-class Chosen:
+class Chosen(NamedTuple):
     """Both sides with one reading each, notes on them, and findings."""
 
     sides: list[Side]
@@ -89,7 +88,7 @@ def chosen_readings(
     chosen = pair.thinned().of_choices(tuple(first for first, _ in choices), tuple(every for _, every in choices))
     warn(chosen.findings, 3)
     readings = (side.readings for side in chosen.sides)  # of some of the poses
-    return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
+    return chosen._replace(sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
 
 
 def _open(side: Side, form: str | None) -> tuple[tuple[Reading | None, ...], tuple[Reading | None, ...]]:

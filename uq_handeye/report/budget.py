@@ -10,7 +10,7 @@ is, its distribution, its standard uncertainty.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -59,8 +59,7 @@ _ORIGIN = {
 }
 
 
-@dataclass(frozen=True)
-class Stated:
+class Stated(NamedTuple):
     """A number with its uncertainty, in m or rad."""
 
     name: str

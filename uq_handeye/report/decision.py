@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,7 @@ RULE = (
 )
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """A verdict with its guard band: the part of the tolerance that the uncertainty takes.
 
     X is used as estimated, so that the estimate of its error is 0: it is accepted where the tolerance is at least the

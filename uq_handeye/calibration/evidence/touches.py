@@ -209,7 +209,7 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     seen_from = _robot_at_seeing(result, touches)
     reached = _robot_at_touch(result, touches)
     p, by_camera, noise, view_noise, views = _seen_points(result, touches, seen_from)
-    seen = seen_at(result, p, None if seen_from is None else replace(seen_from, fresh=()))
+    seen = seen_at(result, p, None if seen_from is None else seen_from._replace(fresh=()))
     into_base = np.broadcast_to(result.X[:3, :3], (m, 3, 3))
     if seen_from is not None:
         into_base = seen_from.poses[:, :3, :3] @ into_base
@@ -303,7 +303,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     if touches.robot_noise is None:
         return ahead
     noise = np.broadcast_to(touches.robot_noise, ahead.noise.shape)
-    return replace(ahead, fresh=(FreshNoise(GIVEN[Owner.ROBOT], "robot", noise, 1.0, NONE),))
+    return ahead._replace(fresh=(FreshNoise(GIVEN[Owner.ROBOT], "robot", noise, 1.0, NONE),))
 
 
 def _poses_of_points(result: Estimated, touches: Touches) -> Array:

@@ -109,8 +109,7 @@ def total_of(fresh: tuple[FreshNoise, ...], shape: tuple[int, ...]) -> Array:
     return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
 
 
-@dataclass(frozen=True, eq=False)
-class RobotAhead:
+class RobotAhead(NamedTuple):
     """Robot poses of predictions, with the effects of the shared errors and of new noise on them."""
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
@@ -124,8 +123,7 @@ class RobotAhead:
         return total_of(self.fresh, self.poses.shape[:-2])
 
 
-@dataclass(frozen=True, eq=False)
-class CameraAhead:
+class CameraAhead(NamedTuple):
     """Camera poses of predictions, with the effects of the errors of the posterior and of new noise on them."""
 
     poses: Array  # (..., 4, 4) camera_T_target that will be measured

@@ -65,7 +65,7 @@ def calibrate_command(
         return calibrate_rig_files(described, data, estimation, beforehand, wishes, wanted, outputs)
     outputs.require_possible()
     files, name = named_camera(data.files, robot.cameras)
-    data = replace(data, files=files)
+    data = data._replace(files=files)
     if data.watch is not None:
         return _watch(data, estimation.options() | beforehand.options(), wishes, wanted, outputs)
     pictures, arm, sensors = data.pictures, robot.arm, None

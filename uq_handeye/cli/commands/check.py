@@ -1,8 +1,7 @@
 """Command ``check``: whether a stored result still holds, by new poses; ``--log`` adds a line to a log of checks."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
     from ...use.maintenance.check_views import RigCheck
 
 
-@dataclass(frozen=True)
-class CheckOptions:
+class CheckOptions(NamedTuple):
     """Options of the question.
 
     Options (Output):

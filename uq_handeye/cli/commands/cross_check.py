@@ -1,7 +1,7 @@
 """Command ``cross-check``: the covariance compared with formulas, simulation and posterior."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ...core.runtime.threads import cores
 from ...errors import InputError
@@ -13,8 +13,7 @@ from ..values import require_writable
 from .validate import _files_of
 
 
-@dataclass(frozen=True)
-class Work:
+class Work(NamedTuple):
     """Options of the simulation and the sampling.
 
     Options:
@@ -67,7 +66,7 @@ def cross_check_command(
     from ...trials.validation.sentences import INTERRUPTED
 
     result, problem = session.calibrated(work.pairs)
-    how = vars(work) | {"workers": cores() if work.workers is None else work.workers}
+    how = work._asdict() | {"workers": cores() if work.workers is None else work.workers}
     how |= {"directory": None if output is None else output / "run", "resume": resume}
     with timed("cross-check"):
         check = cross_check(**problem, **how, progress=progress_wanted())

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ...errors import InputError
 from ..arm import arm_alone
@@ -43,8 +43,7 @@ class SessionFiles(StreamFiles):
         return self.robot or Path("session")
 
 
-@dataclass(frozen=True)
-class PageOptions:
+class PageOptions(NamedTuple):
     """Options of the address of the page.
 
     Options (Page):
@@ -59,8 +58,7 @@ class PageOptions:
     no_browser: bool = False
 
 
-@dataclass(frozen=True)
-class SourceOptions:
+class SourceOptions(NamedTuple):
     """Options of sources of poses other than the files of the folder.
 
     Options (Sources):

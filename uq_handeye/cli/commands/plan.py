@@ -1,9 +1,9 @@
 """Command ``plan``: the robot poses to measure next."""
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ...errors import InputError
 from ..arm import Arm, arm_alone
@@ -39,8 +39,7 @@ FORMS = (*CONTROLLER_NAMES, *MATRICES)
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
-@dataclass(frozen=True)
-class Planning:
+class Planning(NamedTuple):
     """Options of the plan.
 
     Options (Planning):

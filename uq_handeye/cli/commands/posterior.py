@@ -1,8 +1,7 @@
 """Command ``posterior``: X without linearisation, by Markov chain Monte Carlo."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
@@ -14,8 +13,7 @@ from ..printing import emit
 CHAIN = "chain.h5"
 
 
-@dataclass(frozen=True)
-class Sampling:
+class Sampling(NamedTuple):
     """Options of the chain.
 
     Options (Sampling):
@@ -81,7 +79,7 @@ def posterior_command(
     with timed("sampling"):
         result = sample_posterior(
             **problem,
-            **vars(sampling),
+            **sampling._asdict(),
             file=None if output is None else output / CHAIN,
             resume=resume,
             progress=progress_wanted(),

@@ -1,9 +1,8 @@
 """Command ``predict``: points and camera poses at other robot poses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core.files.csv_text import csv_text
 from ...core.numbers.limits import MAX_PRINTED_ROWS
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
 TableRow = list[float | str]
 
 
-@dataclass(frozen=True)
-class Places:
+class Places(NamedTuple):
     """Options of the robot poses to predict at.
 
     Options (Robot poses):
@@ -44,8 +42,7 @@ class Places:
     format: str | None = None
 
 
-@dataclass(frozen=True)
-class PredictOptions:
+class PredictOptions(NamedTuple):
     """Options of what is predicted.
 
     Options:

@@ -1,9 +1,8 @@
 """Command ``validate``: the covariance tested by Monte Carlo simulation."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ...core.files.csv_text import frame_text
 from ...core.runtime.threads import cores
@@ -24,8 +23,7 @@ if TYPE_CHECKING:
     from ...trials.validation.monte_carlo.run import MonteCarlo
 
 
-@dataclass(frozen=True)
-class Simulation:
+class Simulation(NamedTuple):
     """Options of the simulation.
 
     Options (Simulation):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """One file: its name without folders, format, size and hash, and what was made of it."""
 
     name: str

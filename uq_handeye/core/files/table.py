@@ -18,7 +18,7 @@ from array import array
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ MAX_COMMENTS = 200
 _UNIT = r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|[{}]([^\W_]{{1,7}}|[°-]))"
 
 
-@dataclass(frozen=True)
-class Places:
+class Places(NamedTuple):
     """Columns of a table that its schema asks for.
 
     Parameters

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite, isinf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -157,8 +157,7 @@ def times_of_noise(ratio: float) -> str:
     return f"residuals {digits(max(ratio, 1 / ratio), 2)} times {'larger' if ratio > 1 else 'smaller'} than this noise"
 
 
-@dataclass(frozen=True)
-class Snippet:
+class Snippet(NamedTuple):
     """One text to copy."""
 
     title: str  # e.g. "ROS 2 static transform: gripper_T_camera"

@@ -26,7 +26,7 @@ import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,8 +51,7 @@ _EYE = np.eye(3)
 _SWAP = np.roll(np.eye(6), 3, axis=1)
 
 
-@dataclass(frozen=True)
-class Convention:
+class Convention(NamedTuple):
     """Meaning of the six numbers of a pose's error in a library, and the version in which that was measured."""
 
     name: str

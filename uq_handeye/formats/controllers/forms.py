@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ...core.files.trees import parse_toml
 
 
-@dataclass(frozen=True)
-class PoseForm:
+class PoseForm(NamedTuple):
     """A pose as a controller writes it.
 
     Parameters

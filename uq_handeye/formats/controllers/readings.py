@@ -68,7 +68,7 @@ def interpret(
     others: tuple[Reading, ...] = ()
     if kind == "unsaid" and rotation.shape[1] == 3 and _largest(translation) <= MAX_ANGLE_DEG:
         turned = _readings(kind, rotation, translation, form, length, angle)
-        others = tuple(replace(reading, rotation_first=True) for reading in turned)
+        others = tuple(reading._replace(rotation_first=True) for reading in turned)
         if _largest(rotation) > MAX_ANGLE_DEG:
             note = "the rotation stands before the translation: the last three numbers are too large for angles"
             return Interpretation(others, [note])

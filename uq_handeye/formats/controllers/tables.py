@@ -241,7 +241,7 @@ def _in_order(columns: Columns, form: PoseForm | None) -> Columns:
     names = () if form is None else tuple(name.lower() for name in form.columns)
     if not known or set(names) != set(known):
         return columns
-    return replace(columns, rotation=tuple(columns.rotation[known.index(name)] for name in names))
+    return columns._replace(rotation=tuple(columns.rotation[known.index(name)] for name in names))
 
 
 def _by_number(table: NumberTable) -> Columns | None:

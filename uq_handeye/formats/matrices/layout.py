@@ -9,7 +9,7 @@ cases the order of the rotation's entries, by rows or by columns, remains ambigu
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ _NOTES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class TableMatrices:
+class TableMatrices(NamedTuple):
     """Matrices (n, 4, 4) and how they stood.
 
     Parameters

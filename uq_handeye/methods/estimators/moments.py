@@ -16,8 +16,8 @@ are central differences (T7), each in one batched call, so that the cost is line
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,7 @@ Factors = Sequence[tuple[Array, Array]]
 Moments = list[Array]  # (T, p, q) each
 
 
-@dataclass(frozen=True)
-class MomentSolver:
+class MomentSolver(NamedTuple):
     """A method by its factors and its solution of the moments."""
 
     factors: Callable[[Array, Array, Signs | None], Factors]  # of A, B (..., m, 4, 4)

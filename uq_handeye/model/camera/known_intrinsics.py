@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from .adjustment.setting import Known
 
 
-@dataclass(frozen=True)
-class KnownIntrinsics:
+class KnownIntrinsics(NamedTuple):
     """Intrinsics as a file states them; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
 
     values: Known

@@ -31,7 +31,6 @@ librealsense; ``FisheyeRadTanThinPrism.h`` of projectaria_tools.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -68,8 +67,7 @@ class Distorted(NamedTuple):
 Distortion = Callable[[Array, Array, Array, Array], Distorted]
 
 
-@dataclass(frozen=True)
-class CameraModel:
+class CameraModel(NamedTuple):
     """A family of cameras; parameters are ``LINEAR`` and then ``coefficients``."""
 
     name: str

@@ -10,8 +10,6 @@ as the corner of the first pixel, at -1/2, stays where it is. Coefficients of th
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...errors import InputError
@@ -77,7 +75,7 @@ def for_pictures(
         if whole is not None and (x + width > whole[0] or y + height > whole[1]):
             raise InputError(f"--roi {','.join(map(str, roi))} is beyond the {whole[0]} x {whole[1]} pixels of {name}.")
         part = f"part {width} x {height} from ({x}, {y})"
-        known = replace(known, values=moved(known.values, (x, y), (1.0, 1.0)), image_size=(width, height), how=part)
+        known = known._replace(values=moved(known.values, (x, y), (1.0, 1.0)), image_size=(width, height), how=part)
     before = known.image_size
     if size is None or before is None or before == size:
         return known
@@ -85,16 +83,16 @@ def for_pictures(
     if known.sensor_of_43 and before == _AZURE_SENSOR and size in _AZURE_DEPTH:
         x, y, per = _AZURE_DEPTH[size]
         values = moved(known.values, (x, y), (1.0 / per, 1.0 / per))
-        return replace(known, values=values, image_size=size, how=f"{how}the part of the sensor of this mode")
+        return known._replace(values=values, image_size=size, how=f"{how}the part of the sensor of this mode")
     ratio = size[0] / before[0], size[1] / before[1]
     if known.sensor_of_43 and ratio[1] < ratio[0]:  # rows are cut above and below
         cut = 0.5 * (before[1] - size[1] / ratio[0])
         values = moved(known.values, (0.0, cut), (ratio[0], ratio[0]))
-        return replace(known, values=values, image_size=size, how=f"{how}rows cut from 4:3, scaled by {ratio[0]:.4g}")
+        return known._replace(values=values, image_size=size, how=f"{how}rows cut from 4:3, scaled by {ratio[0]:.4g}")
     if abs(ratio[0] / ratio[1] - 1.0) > MAX_ASPECT_DIFFERENCE:
         raise InputError(
             f"{name} is for pictures of {before[0]} x {before[1]} pixels, got {size[0]} x {size[1]}, another aspect: a "
             "part of them. Add --roi X,Y,WIDTH,HEIGHT, the part of the file's picture that the pictures show."
         )
     how = f"{how}scaled by {ratio[0]:.4g} from {before[0]} x {before[1]}"
-    return replace(known, values=moved(known.values, (0.0, 0.0), ratio), image_size=size, how=how)
+    return known._replace(values=moved(known.values, (0.0, 0.0), ratio), image_size=size, how=how)

@@ -21,8 +21,7 @@ commute with it, rotate about and shift along its axis (revolute), rotate about 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +54,7 @@ def checked_sd(value: Any, name: str, parse: Callable[[Any, str], float]) -> Any
     return sd
 
 
-@dataclass(frozen=True)
-class ErrorParameter:
+class ErrorParameter(NamedTuple):
     """One number of e: its key, name of its joint, unit (rad or m), and whether X and W absorb it (``gauge``)."""
 
     key: ErrorKey
@@ -75,8 +73,7 @@ class ErrorParameter:
         return self.key.kind
 
 
-@dataclass(frozen=True)
-class ErrorLayout:
+class ErrorLayout(NamedTuple):
     """Places of the numbers of e: columns, joints and components of rotations, shifts, harmonics and sag."""
 
     parameters: tuple[ErrorParameter, ...]

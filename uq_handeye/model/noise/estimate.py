@@ -6,7 +6,7 @@ Units are rad and m, standard deviations per axis; text is in degrees and mm. Th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -90,8 +90,7 @@ class NoisePrior:
         return np.array(found)
 
 
-@dataclass(frozen=True)
-class CameraFactor:
+class CameraFactor(NamedTuple):
     """Factor on the covariance of the camera poses that the residuals indicate: 1 if it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances

@@ -28,8 +28,7 @@ of the tangential ones with the centre's. Pictures that were calibrated as those
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,8 +61,7 @@ MIN_BOARD_TILT_RAD = np.radians(2.0)
 MAX_OUTSIDE, MAX_POSES_OUTSIDE = 0.1, 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class Lens:
+class Lens(NamedTuple):
     """Intrinsics (k,) of a model, their covariance (k, k) where it is known, and the size of the pictures."""
 
     model: CameraModel
@@ -275,7 +273,7 @@ def _unknowns(lens: Lens, given: Any, points: int) -> tuple[Lens, Array, Array |
             return lens, np.eye(len(lens.parameters))[:, : len(LINEAR)], None
         if lens.model.name == "pinhole":  # undistorted pictures were looked at for distortion all the same
             model = MODELS["brown"]
-            lens = replace(lens, model=model, parameters=np.append(lens.parameters, np.zeros(len(model.coefficients))))
+            lens = lens._replace(model=model, parameters=np.append(lens.parameters, np.zeros(len(model.coefficients))))
         free = np.isin(lens.model.names, [*LINEAR, *DISTORTION]) | (lens.parameters != 0)
         return lens, np.eye(len(free))[:, free], None
     try:

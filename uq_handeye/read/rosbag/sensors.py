@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -39,8 +38,7 @@ MAX_OFFSET_SHARE = 0.1
 _log = logging.getLogger("uq_handeye")
 
 
-@dataclass(frozen=True, eq=False)
-class Sensors:
+class Sensors(NamedTuple):
     """Streams of robot and camera, and what is known of their clocks.
 
     Parameters
@@ -126,7 +124,7 @@ class Sensors:
         if decided is None or not decided.changed:
             return pairs
         _log.info("%s: %d poses of the tag were changed to agree with the robot", self.name, decided.changed)
-        return replace(self, camera=decided.stream)._pairs(match, setup)
+        return self._replace(camera=decided.stream)._pairs(match, setup)
 
     def synchronised(self, **how: Any) -> Synchronised:
         """Return pairs of poses on one clock; the arguments are those of `synchronise`."""
@@ -148,7 +146,7 @@ class Sensors:
             decided.changed,
             decided.undecided,
         )
-        return replace(self, camera=decided.stream)._on_one_clock(how, again=True) if decided.changed else found
+        return self._replace(camera=decided.stream)._on_one_clock(how, again=True) if decided.changed else found
 
     def _on_one_clock(self, how: dict[str, Any], again: bool = False) -> Synchronised:
         """Return the pairs; what was said once is not said ``again``."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from ...core.files.open import StrPath
 from ...core.formatting.units import parse_length
@@ -26,8 +27,7 @@ from .track import Pair, TimedPoses, Track, listed
 EXAMPLE = {"robot": "base_link:tool0", "camera": "camera_optical_frame:tag36h11_0"}
 
 
-@dataclass(frozen=True, eq=False)
-class BagStream:
+class BagStream(NamedTuple):
     """Stream of one side, and of tags with corners the camera and the side that its poses were made with."""
 
     stream: Stream
@@ -137,7 +137,7 @@ def camera_stream(
             if lens.warning:
                 warnings.warn(lens.warning, InputWarning, stacklevel=2)
             seen_tag = tag_poses(track[1], lens.info, tag)
-            found = replace(seen_tag, notes=[*seen_tag.notes, lens.note])
+            found = seen_tag._replace(notes=[*seen_tag.notes, lens.note])
             minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
             return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima, by_corners=True)
         if not connected:
@@ -174,7 +174,7 @@ def _inverted(found: TimedPoses, notes: list[str]) -> TimedPoses:
     S, reading = found.covariance, found.read_as
     if S is not None and reading is not None:
         S, reading = covariance_of_inverse(found.poses, S), replace(reading, inverse=not reading.inverse)
-    return replace(found, poses=inverse(found.poses), notes=notes, covariance=S, read_as=reading)
+    return found._replace(poses=inverse(found.poses), notes=notes, covariance=S, read_as=reading)
 
 
 # ------------------------------------------------------------------------------------------- what is asked for

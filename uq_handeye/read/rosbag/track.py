@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +100,7 @@ class Track(Samples):
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class TimedPoses:
+class TimedPoses(NamedTuple):
     """Poses of one side of the calibration, and notes on where they come from."""
 
     times: NDArray[np.float64]  # (n,) s

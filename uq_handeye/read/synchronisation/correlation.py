@@ -17,7 +17,7 @@ that are nearly as high are kept: a periodic motion has one per period, and the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -40,8 +40,7 @@ MIN_PEAK_RATIO = 0.7
 MIN_CORRELATION, SURE_CORRELATION = 0.2, 0.95
 
 
-@dataclass(frozen=True, eq=False)
-class Speeds:
+class Speeds(NamedTuple):
     """Angular speeds of one stream on a grid."""
 
     start: float  # s, on the clock of the stream
@@ -54,8 +53,7 @@ class Speeds:
         return np.asarray(self.start + self.step * np.arange(len(self.speed)), dtype=float)
 
 
-@dataclass(frozen=True, eq=False)
-class Correlation:
+class Correlation(NamedTuple):
     """The correlation of both speeds at each lag, and the offsets that it suggests."""
 
     lags: Array  # (m,) s: robot_time - camera_time

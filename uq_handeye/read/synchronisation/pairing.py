@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,7 @@ from ...model.noise.models import PoseNoise
 from .interpolation import Interpolated, at_times
 
 
-@dataclass(frozen=True, eq=False)
-class Pairing:
+class Pairing(NamedTuple):
     """Two streams sorted by time, one of which is interpolated at the times of the other; times from any origins."""
 
     robot_times: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ MIN_INTERVAL_S, MAX_INTERVAL_S = 2e-5, 1.0
 MAX_SINGLE_POSE_INTERVAL_S = 600.0
 
 
-@dataclass(frozen=True)
-class LeftOut:
+class LeftOut(NamedTuple):
     """Poses of one stream that have no partner in the other."""
 
     side: str  # "robot" or "camera"

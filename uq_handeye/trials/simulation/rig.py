@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +29,7 @@ _BOARD_ON_GRIPPER = pose(Rotation.from_euler("ZX", [10, 5], degrees=True).as_mat
 RIGS = {"eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE), "eye-to-hand": (_CAMERA_ON_TRIPOD, _BOARD_ON_GRIPPER)}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class Scene(NamedTuple):
     """Rig and target of `simulate`, and where the camera looks from."""
 
     X: ArrayLike | None = None

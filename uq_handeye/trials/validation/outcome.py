@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from functools import singledispatch
 from importlib import import_module
 from math import log
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,8 +47,7 @@ T = TypeVar("T")
 HARMLESS_RATIO = 1.1
 
 
-@dataclass(frozen=True)
-class NoiseCheck:
+class NoiseCheck(NamedTuple):
     """One check of data and noise: name, status ("ok", "caution", "failed", "not run"), short phrase."""
 
     name: str
@@ -57,8 +55,7 @@ class NoiseCheck:
     text: str
 
 
-@dataclass(frozen=True)
-class NoiseOfData:
+class NoiseOfData(NamedTuple):
     """Checks of the data of a validation, and of the noise against them."""
 
     checks: tuple[NoiseCheck, ...]
@@ -94,7 +91,7 @@ class NoiseOfData:
 
     def to_dict(self) -> JsonObject:
         """Return plain values for JSON."""
-        found: JsonObject = {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]}
+        found: JsonObject = {"by": self.by, "sentence": str(self), "checks": [check._asdict() for check in self.checks]}
         return found if self.stated is None else found | {"stated": list(self.stated)}
 
 

@@ -15,7 +15,6 @@ the true covariance of N pairs with equal noise by sqrt(N) in standard deviation
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -31,8 +30,7 @@ from .ratios import WIDE_RATIO, Ratios, chance, number, ratios
 NEAR_BOUND_RATIO = 1.5
 
 
-@dataclass(frozen=True)
-class Relation:
+class Relation(NamedTuple):
     """One thing that must be so, or is claimed to be, and whether it is."""
 
     name: str
@@ -44,7 +42,7 @@ class Relation:
 
     def to_dict(self) -> JsonObject:
         """Plain values for JSON."""
-        return asdict(self)
+        return self._asdict()
 
 
 class Evidence(NamedTuple):

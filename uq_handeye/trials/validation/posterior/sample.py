@@ -11,9 +11,8 @@ from __future__ import annotations
 import os
 import time
 from contextlib import closing
-from dataclasses import dataclass
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
@@ -50,8 +49,7 @@ def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | N
     return ScalePrior() if scales or (scales is None and estimated) else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class InFile:
+class InFile(NamedTuple):
     """File that stores a chain, and the display of its progress."""
 
     file: str | os.PathLike[str] | None = None
