@@ -44,9 +44,12 @@ class Face:
     @cached_property
     def levels(self) -> tuple[NDArray[np.float32], ...]:
         """The texture, each level half as fine as the one before."""
+        cv2 = opencv()
         found = [self.texture.astype(np.float32)]
         while min(found[-1].shape) >= 16:
-            found.append(np.asarray(opencv().pyrDown(found[-1])))
+            # Means over areas: the middle of a pixel of pyrDown is that of every second one, not between two.
+            height, width = (length // 2 for length in found[-1].shape)
+            found.append(np.asarray(cv2.resize(found[-1], (width, height), interpolation=cv2.INTER_AREA)))
         return tuple(found)
 
 

@@ -71,6 +71,11 @@ def test_scale_is_that_of_the_screws_and_then_an_unknown(placed, scene):
     assert found.camera_scale.std < 1e-3 * unit and found.usable
     assert d2(found) < 16.8
     assert any("1 unit of the scene is" in str(one) for one in found.findings)
+    # errors beyond the features keep their prior when the model is linearised again
+    sizes = {part.name: part for part in found.noise_estimate.of_model}
+    assert {"features of the scene", "camera beyond its features"} < sizes.keys()
+    assert "camera beyond its corners" not in sizes and "intrinsics" not in sizes
+    assert 0.2 < found.noise_estimate["camera beyond its features"].size < 3.0
 
 
 @pytest.mark.slow

@@ -74,10 +74,10 @@ def _component(component: ErrorEstimate) -> list[str]:
     high = "not determined" if component.high is None else f"{fixed(factor * component.high)} {unit}"
     if component.high is not None and not np.isfinite(component.high):
         high = "not limited"
-    between = f"{fixed(factor * component.low)} to {high}"
+    between = f"{fixed(factor * component.low)} to {high}".rstrip()
     if component.is_given:
         between = ""
-    return [component.name, f"{fixed(factor * component.size)} {unit}", between, component.shown_status]
+    return [component.name, f"{fixed(factor * component.size)} {unit}".rstrip(), between, component.shown_status]
 
 
 def _given(noise: Noise) -> list[list[str]]:

@@ -137,7 +137,7 @@ class JointModel:
     @property
     def of_scene(self) -> bool:
         """True if the camera poses come from pictures of a scene."""
-        return self.poses is not None and self.poses.scene is not None
+        return self.how == "from the scene"
 
     @cached_property
     def components(self) -> tuple[ErrorTerm, ...]:

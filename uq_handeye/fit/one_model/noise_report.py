@@ -11,7 +11,7 @@ from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.error_terms.estimate import ErrorEstimate
 from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import CAMERA_EXCESS, JOINT_NOISE, PICTURE_SHIFT, PIXELS
+from ...model.error_terms.keys import CAMERA_EXCESS, JOINT_NOISE, PICTURE_SHIFT, PIXELS, SCENE_EXCESS
 from ...model.error_terms.sizes import SIZES
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.camera_noise import CameraNoise
@@ -115,9 +115,9 @@ def _sized(found: FoundSizes) -> list[ErrorEstimate]:
     free = {found.source.components[k].key: j for j, k in enumerate(found.model.free.tolist())}
     for part in found.source.components:
         is_group = part.key.kind in DECLARED_AS
-        if part.key not in (PIXELS, JOINT_NOISE, CAMERA_EXCESS, PICTURE_SHIFT) and not is_group:
+        if part.key not in (PIXELS, JOINT_NOISE, CAMERA_EXCESS, SCENE_EXCESS, PICTURE_SHIFT) and not is_group:
             continue
-        unit = part.size.unit or "rad"
+        unit = part.size.unit or ("rad" if is_group else "")
         if part.key not in free:
             s = part.size.median
             listed.append(ErrorEstimate(part.key, part.side, unit, s, s, s, "given" if part.key == PIXELS else "fixed"))

@@ -22,9 +22,9 @@ from .key import ErrorKey
 from .sizes import RobotAccuracy
 
 # Units of noise, and the factor to those that people read.
-SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
+SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px"), "": (1.0, "")}
 # A size with one of these was not estimated, and has no interval.
-GIVEN = ("fixed", "exact", "given", "from corners", "from points", "by geometry")
+GIVEN = ("fixed", "exact", "given", "from corners", "from points", "from the scene", "by geometry")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +34,9 @@ class ErrorEstimate(Record):
     ``status`` of a noise: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated
     with its data sheet); "population" (of the errors of an arm: at least that of arms of its kind); "fixed" (given);
     "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors;
-    ``high`` is then not determined: None); "from corners", "from points", "by geometry" (of the camera poses, from
-    their own covariance: root of the mean variance); "given" (the pixel noise of it).
+    ``high`` is then not determined: None); "from corners", "from points", "from the scene",
+    "by geometry" (of the camera poses, from their own covariance: root of the mean variance); "given" (the pixel noise
+    of it).
     """
 
     _in_file: ClassVar[str] = (
