@@ -98,12 +98,20 @@ def test_noise_of_the_robot_may_be_declared(scene):
 
 
 @pytest.mark.slow
-def test_results_by_scenes_are_compared_and_not_checked(scene):
+def test_results_of_two_runs_are_compared_and_not_checked(scene, tmp_path):
     found = uq.calibrate(scene.pairs)
-    again = replace(scene.pairs, camera=scene.poses @ inverse(perturb(np.eye(4), np.full(6, 0.1))))
-    for question in (uq.check, uq.update):
-        with pytest.raises(uq.InputError, match="uq-handeye diff OLD NEW"):
-            question(found, again)
+    again = replace(
+        scene.pairs,
+        camera=scene.poses @ inverse(perturb(np.eye(4), np.full(6, 0.1))),
+        robot=perturb(scene.robot, np.full(6, 1e-7)),  # of another day
+    )
+    with pytest.raises(uq.InputError, match="Place new pictures in the scene of the result"):
+        uq.check(found, again)
+    with pytest.raises(uq.InputError, match="Calibrate with all pictures"):
+        uq.update(found, again)
+    (tmp_path / "a.png").write_bytes(b"none")
+    with pytest.raises(uq.InputError, match="holds no scene in which pictures could be placed"):
+        uq.scene_poses([tmp_path / "a.png"], result=found)
     off = uq.difference(found, uq.calibrate(again))
     assert off.xi.shape == (6,) and off.p_value_W is None and off.p_value_X > 0.5
 

@@ -9,8 +9,8 @@ from studies.common.pictures import Camera
 from studies.common.scores import true_means
 from studies.scene.measure import DEFAULTS, EXACT, JOINT, TRACKS, of_tracks, scored
 from studies.scene.pictures import Body, Face, Renderer
-from studies.scene.sessions import rendered, robot_csv, session
-from uq_handeye.core.geometry.se3 import pose
+from studies.scene.sessions import rendered, robot_csv, session, with_kind
+from uq_handeye.core.geometry.se3 import difference, inverse, perturb, pose
 from uq_handeye.read.poses import read_robot
 
 SIZE = (640, 480)
@@ -44,6 +44,27 @@ def test_x_from_rendered_pictures(tmp_path):
     assert score["d2"] < FAR and score["mm"] < 0.6, score
     f, sd = found.intrinsics["fx"], found.sd["fx"]
     assert abs(f - made.camera.parameters[0]) < 5 * sd + 0.2 and sd < 1.0
+
+
+@pytest.mark.slow
+def test_later_pictures_show_whether_x_still_holds(tmp_path):
+    made = session(with_kind("twelve", n=13), 1, size=SIZE)
+    paths = rendered(made, tmp_path)
+    result = uq.calibrate(uq.scene_poses(paths[:10], made.robot[:10]).pairs)
+    result.to_json(tmp_path / "result.json")
+    result = uq.load(tmp_path / "result.json")
+    found = uq.scene_poses(paths[10:], made.robot[10:], result=result)
+    assert found.n == 3 and found.pairs.scene == result.data.scene
+    held = uq.check(result, found.pairs)
+    assert held.p_value > 1e-4, held
+    slid = perturb(made.X, np.array([0.02, 0.0, 0.0, 0.0, 0.004, 0.0]))
+    moved = made.robot[10:] @ made.X @ inverse(slid)  # where the robot is if the camera slid and sees the same
+    gone = uq.check(result, uq.scene_poses(paths[10:], moved, result=result).pairs)
+    assert gone.changed and gone.cause == "X"
+    off = gone.shift - difference(slid, made.X)
+    assert off @ np.linalg.solve(gone.covariance, off) < FAR
+    with pytest.raises(uq.InputError, match="used by the calibration itself"):
+        uq.check(result, uq.scene_poses(paths[:2], made.robot[:2], result=result).pairs)
 
 
 @pytest.mark.statistical

@@ -33,6 +33,7 @@ from ..model.camera.picture_files import picture_paths
 from ..model.noise.models import PoseNoise, marginals
 from ..model.poses.pose_pairs import PosePairs, frozen_poses
 from ..model.poses.scene_facts import SceneFacts
+from ..model.rig.description import require_left_out
 from ..scene import colmap
 from ..scene.adjust import Pull
 from ..scene.colmap import Matched, Model
@@ -49,6 +50,7 @@ from ..scene.estimate import (
     no_scene,
     pull_of_robot,
 )
+from ..scene.known import known_scene, packed, place_pictures, unpacked
 from ..scene.lens import NAMES, Lens
 from ..scene.moved import moved_object
 from ..scene.result import ScenePoses
@@ -70,6 +72,7 @@ def scene_poses(
     setup: str = "eye-in-hand",
     intrinsics: Known | StrPath | None = None,
     mask: StrPath | None = None,
+    result: Calibration | None = None,
     say: Callable[[str], None] | None = None,
 ) -> ScenePoses:
     """Estimate camera poses from pictures of a scene that stands still, without a board.
@@ -88,6 +91,9 @@ def scene_poses(
         all are estimated.
     mask : path or None
         Picture that is black where pictures show what is not the scene.
+    result : Calibration or None
+        Result by pictures of this scene, in whose frame and unit the poses then are, with its intrinsics: for `check`.
+        One picture is enough.
     say : function or None
         Takes the stage of the computation in words.
 
@@ -103,6 +109,9 @@ def scene_poses(
     """
     require_one_of("setup", setup, SETUPS)
     paths = picture_paths(pictures)
+    if result is not None:
+        require_left_out("of a result", intrinsics=intrinsics, mask=mask)
+        return _later(paths, robot, result, say or _silent)
     if len(paths) < MIN_PICTURES_OF_SCENE:
         raise InputError(
             f"A scene needs {MIN_PICTURES_OF_SCENE} pictures or more (15 to 20 are better), got {len(paths)}. Take "
@@ -121,6 +130,48 @@ def scene_poses(
 
 def _silent(text: str) -> None:
     pass
+
+
+def _later(
+    paths: list[Path], robot: ArrayLike | StrPath | None, result: Calibration, say: Callable[[str], None]
+) -> ScenePoses:
+    """Return camera poses of later pictures in the scene of a result."""
+    facts: SceneFacts | None = getattr(result.data, "scene", None)
+    if facts is None or not facts.known or result.setup is None:
+        raise InputError(
+            "The result holds no scene in which pictures could be placed: it is not by --scene, or from a folder of "
+            "uq-handeye scene. Calibrate with --images PATTERN --scene."
+        )
+    poses = None if robot is None else _robot(robot, len(paths), result.setup)
+    known = unpacked(facts.known)
+    with TemporaryDirectory(prefix="uq-handeye-") as folder, one_thread():
+        found = place_pictures(known, paths, Path(folder), say)
+    if not len(found.rows):
+        raise InputError(
+            f"None of {len(paths)} pictures shows the scene of the result (fewer than {MIN_POINTS} of its "
+            f"{facts.points:,} points): it was rearranged, or is another one. Calibrate again by pictures of it."
+        )
+    findings = []
+    if left := [found.names[k] for k in np.setdiff1d(np.arange(len(paths)), found.rows)]:
+        values = {"names": left, "given": len(paths), "least": MIN_POINTS}
+        findings.append(Finding("scene.left_out", "caution", values))
+    t = known.scene.tracks
+    return ScenePoses(
+        found.poses,
+        found.rows,
+        found.covariance,
+        dict(zip(NAMES, facts.lens, strict=True)),
+        {name: sd for name, sd in zip(NAMES, facts.lens_sd, strict=True) if sd > 0},
+        known.scene.points,
+        tuple(findings),
+        facts,
+        t.image_size,
+        tuple(shown(Path(name)) for name in found.names),
+        found.shown,
+        np.zeros((t.m, 3), np.uint8),
+        poses,
+        result.setup,
+    )
 
 
 def _robot(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
@@ -306,6 +357,7 @@ class _Run:
         told["focal_sd"] = of.get("fx")
         facts = replace(
             facts,
+            known=packed(known_scene(main, poses, seen)),
             lens=tuple(lens.values[: len(NAMES)].tolist()),
             lens_sd=tuple(of.get(name, 0.0) for name in NAMES),
             views=scene_views(main.scene.tracks, [self.paths[row] for row in main.rows]),

@@ -17,7 +17,7 @@ from .messages import given_options, timed, verbose, withheld
 from .names import AT_THE_BOUND, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD
 from .noise import Given, given_of, noise_of
 from .options import names_of_options
-from .pictures import LensOptions, Pictures, pictures_of
+from .pictures import LensOptions, Pictures, Scene, pictures_of
 from .pose_files import PoseFiles
 from .pose_prior import pose_prior_of
 from .rig_files import is_rig_file, named_camera, read_rig_file
@@ -44,6 +44,7 @@ class NewPoses(NamedTuple):
     Options (Pictures of a board):
       * --images 'PATTERN': New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of
         the calibration; for a calibration from pictures.
+      * --scene: The pictures are of the scene of the calibration, no board.
 
     Options (Robot joints):
       * --joints FILE.csv: Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with
@@ -53,6 +54,7 @@ class NewPoses(NamedTuple):
     files: PoseFiles
     board: BoardOptions
     images: str | None = None
+    scene: bool = False
     joints: Path | None = None
     joint_units: str | None = None
     bag_camera: list[str] | None = None
@@ -92,11 +94,13 @@ class NewPoses(NamedTuple):
 
     def _pictures(self, stored: "Calibration", name: str) -> Pictures | None:
         if self.images is None:
-            if given := self.board.given:
+            if given := [*self.board.given, *(["--scene"] if self.scene else [])]:
                 raise InputError(f"{', '.join(given)}: needs pictures. Add --images 'PATTERN'.")
             return None
-        if (require := getattr(stored.data, "require_board", None)) is not None:
-            require("A comparison with new pictures")
+        if self.scene or getattr(stored.data, "scene", None) is not None:
+            if given := self.board.given:
+                raise InputError(f"{', '.join(given)}: {name} is by pictures of a scene, no board. Remove the option.")
+            return Scene(self.images, self.board, LensOptions(), later_than=stored)
         camera = getattr(stored.data, "camera_calibration", None)
         if camera is None:
             raise InputError(

@@ -15,6 +15,7 @@ from .values import one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:
+    from ..calibration.result import Calibration
     from ..model.camera.adjustment.setting import Known
     from ..model.camera.board_shape import BoardShape
     from ..model.camera.corners import Corners
@@ -177,6 +178,7 @@ class Scene(Pictures):
     """Pictures of a scene without a board."""
 
     mask: Path | None = field(default=None, kw_only=True)
+    later_than: "Calibration | None" = field(default=None, kw_only=True)  # the result in whose scene they are placed
 
     def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
@@ -190,7 +192,9 @@ class Scene(Pictures):
         poses = read_robot(robot, frame=how["robot_frame"], setup=setup, **of_robot, **of_arm)
         known = known_of_scene(self.lens.intrinsics, self.lens.read_roi())
         with timed(f"the scene of {self.images}"), working("the scene", progress_wanted()) as say:
-            found = scene_poses(self.images, poses, setup=setup, intrinsics=known, mask=self.mask, say=say)
+            found = scene_poses(
+                self.images, poses, setup=setup, intrinsics=known, mask=self.mask, result=self.later_than, say=say
+            )
         for finding in found.findings:
             LOG.info("%s", finding)
         pairs = read_poses(robot, found, **how)

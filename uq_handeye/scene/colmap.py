@@ -100,6 +100,11 @@ class Matched:
         with _opened(pycolmap(), self.database) as database:
             return [np.array(database.read_keypoints(int(id))[:, :2], dtype=float) for id in self.ids]
 
+    def descriptors(self, row: int) -> NDArray[np.uint8]:
+        """Descriptors (k, 128) of the features of a picture."""
+        with _opened(pycolmap(), self.database) as database:
+            return np.array(database.read_descriptors(int(self.ids[row])).data, dtype=np.uint8)
+
     @cached_property
     def raw(self) -> dict[tuple[int, int], NDArray[np.uint32]]:
         """Matches (k, 2) of the features of pairs of pictures before they are verified."""
@@ -167,11 +172,10 @@ def match(
         A file that is no picture, or pictures of different sizes.
     """
     module = pycolmap()
-    root = Path(os.path.commonpath([path.resolve().parent for path in paths]))
-    names = [path.resolve().relative_to(root).as_posix() for path in paths]
-    found = _features(module, paths, root, names, folder, lens, mask, say, weak)
+    found = features(paths, folder, lens, mask, say, weak)
     if not weak and np.median(found.features) < FEW_FEATURES:
-        found = _features(module, paths, root, names, folder, lens, mask, say, weak=True)
+        found = features(paths, folder, lens, mask, say, weak=True)
+    names = found.names
     matching, pairing = module.FeatureMatchingOptions(), {}
     matching.num_threads, matching.use_gpu = 1, False
     verification = module.TwoViewGeometryOptions()
@@ -193,17 +197,22 @@ def match(
     return found
 
 
-def _features(
-    module: ModuleType,
+def features(
     paths: Sequence[Path],
-    root: Path,
-    names: list[str],
     folder: Path,
     lens: Lens | None,
     mask: Path | None,
     say: Say,
     weak: bool,
+    image_size: tuple[int, int] | None = None,
 ) -> Matched:
+    """Find the features of pictures, in a database in ``folder``; see `match`.
+
+    ``image_size`` (width, height): that which the pictures must have; None: one of their own.
+    """
+    module = pycolmap()
+    root = Path(os.path.commonpath([path.resolve().parent for path in paths]))
+    names = [path.resolve().relative_to(root).as_posix() for path in paths]
     say(f"features of {len(names)} pictures" + (" of weak texture" if weak else ""))
     path = folder / "scene.db"
     for old in folder.glob("scene.db*"):
@@ -241,7 +250,11 @@ def _features(
         _keep_largest(database, ids.tolist(), most)
         counts = np.array([database.num_keypoints_for_image(int(id)) for id in ids], dtype=np.intp)
         camera = database.read_all_cameras()[0]
-    return Matched(folder, root, tuple(names), (int(camera.width), int(camera.height)), counts, ids, weak)
+    size = int(camera.width), int(camera.height)
+    if image_size not in (None, size):
+        got, expected = ("{} x {}".format(*one) for one in (size, image_size or size))
+        raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
+    return Matched(folder, root, tuple(names), size, counts, ids, weak)
 
 
 def _keep_largest(database: Any, ids: Sequence[int], most: int) -> None:
@@ -359,6 +372,26 @@ def _model(seen: Matched, known: Any, lens: Lens) -> Model:
     twice[tracks.point[1:][same]] = True
     scene = Scene(tracks, np.array(poses).reshape(-1, 4, 4), points, lens.at(values))
     return Model(rows, scene.where(~twice[tracks.point]), colours[~twice])
+
+
+def pose_by_points(
+    points: Array, pixels: Array, lens: Lens, image_size: tuple[int, int], max_error: float
+) -> tuple[Array, NDArray[np.bool_]] | None:
+    """Return the camera pose (4, 4) by points (k, 3) of which most are seen at pixels (k, 2), and which are.
+
+    ``max_error``: largest residual, px. None: no pose fits.
+    """
+    module = pycolmap()
+    width, height = image_size
+    camera = module.Camera(model="OPENCV", width=width, height=height, params=_of_lens(lens))
+    options = module.AbsolutePoseEstimationOptions()
+    options.ransac.max_error, options.ransac.random_seed = max_error, SEED
+    found = module.estimate_and_refine_absolute_pose(pixels + CORNER_PX, points, camera, options)
+    if found is None:
+        return None
+    T = np.eye(4)
+    T[:3] = found["cam_from_world"].matrix()
+    return T, np.asarray(found["inlier_mask"], dtype=bool)
 
 
 def _of_lens(lens: Lens) -> Array:

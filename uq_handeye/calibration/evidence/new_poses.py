@@ -24,7 +24,7 @@ from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
 from ...model.error_terms.key import Kind, Owner
-from ...model.error_terms.keys import DRIFTS, GIVEN, ROBOT_ACCURACY
+from ...model.error_terms.keys import DRIFTS, GIVEN, ROBOT_ACCURACY, SCENE_EXCESS
 from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
@@ -104,6 +104,7 @@ def evidence_of_poses(
     assert result.W is not None
     if getattr(poses, "robot", np.zeros(0)).ndim != 3:
         raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
+    poses = _in_scene(result, poses)
     if poses.setup != result.setup:
         raise InputError(f"Expected new poses of the setup {result.setup}, that of the calibration, got {poses.setup}.")
     ahead, F_C, of_camera, camera = _corrected(result, poses, joints)
@@ -139,6 +140,19 @@ def evidence_of_poses(
     by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, drift], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at, parts=parts)
+
+
+def _in_scene(result: Estimated, poses: PosePairs) -> PosePairs:
+    """Return new poses in the unit of a result by a scene, with the errors beyond their features that it found."""
+    if isinstance(result.data, PosePairs):
+        result.data.require_same_scene(poses)
+    S = poses.camera_covariance
+    if poses.scene is None or S is None or result.camera_scale is None:
+        return poses
+    size = next((one.size for one in result.components if one.key == SCENE_EXCESS), 0.0)
+    more = 1.0 + size**2
+    S = JointCovariance(more * S.own, np.sqrt(more) * S.shared, S.keys)
+    return replace(poses, camera_covariance=S).scaled(result.camera_scale.factor)
 
 
 def _same_session(result: Estimated, poses: PosePairs) -> bool:

@@ -232,12 +232,14 @@ class PosePairs:
         """Covariance that the camera poses come with, from corners or from points in 3-D."""
         return self.camera_covariance if self.camera_calibration is None else self.camera_calibration.covariance
 
-    def require_board(self, question: str) -> None:
-        """Raise `InputError` where the target is a scene: its frame and unit are those of one run."""
-        if self.scene is not None:
+    def require_same_scene(self, new: PosePairs) -> None:
+        """Raise `InputError` where new camera poses are not in the frame and unit of the scene of these."""
+        if self.scene is None and new.scene is None:
+            return
+        if self.scene is None or new.scene is None or not self.scene.known or new.scene.known != self.scene.known:
             raise InputError(
-                f"{question} takes no result by a scene, whose frame and unit are new with other pictures. Calibrate "
-                "the new pictures with --scene, and compare both: uq-handeye diff OLD NEW."
+                "Poses of a scene have the frame and unit of one run. Place new pictures in the scene of the result: "
+                "uq-handeye check RESULT ROBOT --images PATTERN --scene, or scene_poses(pictures, robot, result=...)."
             )
 
     @property

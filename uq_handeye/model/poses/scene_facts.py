@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ...core.files.records import Record
 from ...errors import InputError
@@ -31,6 +32,8 @@ class SceneView(Record):
 class SceneFacts(Record):
     """Numbers of a scene without a board, whose camera poses have a scale of their own."""
 
+    _if_any: ClassVar[str] = "known"
+
     pictures: int  # given
     points: int
     per_picture: float  # points that a picture shows, on average
@@ -40,3 +43,4 @@ class SceneFacts(Record):
     lens: tuple[float, ...] = ()  # fx, fy, cx, cy, k1, k2, p1, p2 of the model brown
     lens_sd: tuple[float, ...] = ()  # 0: given
     views: tuple[SceneView, ...] = ()
+    known: str = ""  # its points and their descriptors, by which later pictures are placed in it

@@ -118,8 +118,6 @@ def check(  # type: ignore[misc]
         return check_rig(result, poses, level=level, tolerance=limits, same=None if same is THINGS else same)
     if isinstance(poses, Rig):
         poses = poses_like(poses, result.names)
-    if isinstance(result.data, PosePairs):
-        result.data.require_board("A check")
     evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
     reference = evidence.test.reference

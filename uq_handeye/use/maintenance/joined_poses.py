@@ -88,7 +88,11 @@ def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) 
 
 def require_joinable(old: PosePairs, new: PosePairs) -> None:
     """Raise `InputError` where the poses are of another setup or unit, or were there before."""
-    old.require_board("An update")
+    if old.scene is not None or new.scene is not None:
+        raise InputError(
+            "Pictures of a scene are adjusted all together, and an update would leave the old ones as they are. "
+            "Calibrate with all pictures, old and new: uq-handeye calibrate ROBOT --images PATTERN --scene."
+        )
     if new.robot.ndim != 3:
         raise InputError(f"Expected new poses of one data set, (m, 4, 4), got shape {new.robot.shape}.")
     if new.setup != old.setup:
@@ -145,7 +149,8 @@ def common_poses(old: PosePairs, new: PosePairs) -> list[tuple[int, int]]:
 
 def _keys(poses: PosePairs) -> list[bytes]:
     """The numbers of each pose, without rounding errors; of the robot only where the camera poses are fitted."""
-    sides = [poses.robot, poses.camera] if poses.camera_calibration is None else [poses.robot]
+    fitted = poses.camera_calibration is not None or poses.scene is not None
+    sides = [poses.robot] if fitted else [poses.robot, poses.camera]
     numbers = np.concatenate([side.reshape(poses.n, -1) for side in sides], axis=1)
     return [row.tobytes() for row in np.round(numbers, 9) + 0.0]
 
