@@ -28,7 +28,7 @@ def main() -> None:
         shown, alarms, found = [], 0, {1e-3: 0, 2e-3: 0}
         for _ in range(SETS):
             plain = uq.check(result, uq.simulate(n, noise=NOISE, seed=rng))
-            shown.append(plain.detectable.X_translation)
+            shown.append(plain.move("X").least_shift)
             alarms += plain.p_value < 0.05
             for shift in found:
                 way = rng.normal(size=3)

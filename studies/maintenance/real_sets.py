@@ -60,14 +60,14 @@ def _one(root: Path, part: Part, way: str, options: dict[str, Any]) -> dict[str,
         index = np.arange(poses.n)
         result = uq.calibrate(poses.rows(index[part.calibrated]), **options)
         check = uq.check(result, poses.rows(index[part.checked]))
-    moved = check.causes["X"]
+    moved = check.move("X")
     sd = np.sqrt(np.diag(moved.covariance))
     axis = 3 + int(np.argmax(np.abs(moved.estimate[3:]) / sd[3:]))
     return {
         "set": part.folder, "parts": part.words, "way": way, "status": check.status, "p": check.p_value,
         "d2_by_dof": check.d2 / check.dof, "cause": " or ".join(check.candidates),
-        "detectable_mm": 1e3 * check.detectable.X_translation,
-        "detectable_deg": float(np.degrees(check.detectable.X_rotation)),
+        "detectable_mm": 1e3 * moved.least_shift,
+        "detectable_deg": float(np.degrees(moved.least_angle)),
         "axis": "xyz"[axis - 3], "shift_mm": 1e3 * float(moved.estimate[axis]), "sd_mm": 1e3 * float(sd[axis]),
         "findings": "; ".join(finding.code for finding in check.findings),
     }  # fmt: skip

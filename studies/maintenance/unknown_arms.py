@@ -62,7 +62,7 @@ def drawn(number: int, leave_out: bool = False) -> np.ndarray:
         camera = np.array(new.camera)  # inv(X') inv(G) W with t' = t + d: moved by -R_X^T d in the camera frame
         camera[:, :3, 3] -= result.X[:3, :3].T @ (SHIFT * along / np.linalg.norm(along))
         moved = uq.check(result, uq.PosePairs(new.robot, camera, new.setup))
-        more = [1e3 * moved.detectable.X_translation, moved.changed, moved.cause == "X"]
+        more = [1e3 * moved.move("X").least_shift, moved.changed, moved.cause == "X"]
     return np.array([accuracy, setup, arm, evidence.test.p_value, *shown, *more], dtype=float)
 
 

@@ -18,7 +18,7 @@ from uq_handeye.model.error_terms.keys import DRIFTS
 from uq_handeye.model.posterior.rows import PredictiveReference
 from uq_handeye.read import write_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
-from uq_handeye.use.maintenance.causes import columns_of_causes, compare_causes
+from uq_handeye.use.maintenance.causes import candidates_of_poses, columns_of_causes, compare_candidates
 from uq_handeye.use.verification.verify_poses import verify_poses
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -202,9 +202,9 @@ def test_poses_that_would_miss_what_matters(results):
     assert (found.status, found.changed) == ("cannot tell", False)
     assert "with 0.5 mm accepted" in str(found)
     assert uq.check(result, moved("eye-in-hand", m=1), tolerance="10mm").status == "unchanged"
-    one, many = (uq.check(result, moved("eye-in-hand", m=m)).detectable for m in (1, 20))
-    assert many.X_translation < 0.7 * one.X_translation
-    assert many.W_rotation < 0.7 * one.W_rotation
+    one, many = (uq.check(result, moved("eye-in-hand", m=m)) for m in (1, 20))
+    assert many.move("X").least_shift < 0.7 * one.move("X").least_shift
+    assert many.move("target").least_angle < 0.7 * one.move("target").least_angle
 
 
 def test_refused(results):
@@ -237,7 +237,8 @@ def test_causes_at_three_times_what_shows(results, setup):
             values, vectors = np.linalg.eigh(evidence.information(C)[part, part])
             delta = np.zeros(C.shape[-1])
             delta[part] = size / np.sqrt(values[0]) * vectors[:, 0]
-            causes = compare_causes(replace(evidence, r=evidence.r + C @ delta), columns, reference, {})
+            shifted = replace(evidence, r=evidence.r + C @ delta)
+            causes = compare_candidates(shifted, candidates_of_poses(shifted, columns, {}), reference, evidence.dof)
             named = causes.named
             if named is not None and named.name != name and {named.name, name} == alike:
                 mistaken += 1
@@ -273,7 +274,7 @@ def test_what_is_not_the_same_is_drawn_anew(results):
     assert uq.check(result, other, same=("robot", "camera")).p_value > 0.01
     whole, part = (uq.check(result, poses, same=same) for same in (("robot", "camera", "target"), "robot"))
     assert whole.p_value == uq.check(result, poses).p_value
-    assert part.detectable.X_translation >= whole.detectable.X_translation
+    assert part.move("X").least_shift >= whole.move("X").least_shift
     with pytest.raises(uq.InputError, match="robot, camera, target, got 'arm'"):
         uq.check(result, poses, same=["arm"])
 
@@ -387,7 +388,7 @@ def test_poses_between_those_of_the_calibration_share_its_drift():
         later = replace(new, timestamps=new.timestamps + 1000.0)
         found = [uq.check(result, poses) for poses in (new, later)]
         p_values.append(found[0].p_value)
-        sizes.append([one.detectable.X_translation for one in found])
+        sizes.append([one.move("X").least_shift for one in found])
         again = uq.check(uq.Calibration.from_dict(result.to_dict()), new)
         assert again.p_value == pytest.approx(found[0].p_value, rel=1e-6)
     assert min(p_values) > 0.01
@@ -430,5 +431,5 @@ def test_a_move_among_the_new_poses_is_named_with_its_pose(what):
             seen = drawn.camera[25:].copy()
             seen[since:] = seen[since:] @ push if what == "target" else np.linalg.inv(push) @ seen[since:]
             found = uq.check(result, uq.PosePairs(drawn.robot[25:], seen, setup))
-            said = [(one.values["name"], one.values["row"]) for one in found.findings]
+            said = [(one.values["name"], one.values["since"]) for one in found.findings]
             assert found.changed and said == ([(what, 6)] if since else [])

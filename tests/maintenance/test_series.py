@@ -39,8 +39,8 @@ def test_a_log_is_read_as_it_was_written(calibrated, tmp_path, rng):
     first, second = series.checks
     assert (first.time, first.cause, first.answer) == ("2026-03-02T08:00", "X or target", "changed")
     assert (first.d2, first.dof, first.n_poses) == (pytest.approx(check.d2), 18, 3) and second.n_poses == 1
-    np.testing.assert_allclose(first.shift, check.causes["X"].estimate, rtol=1e-9)
-    np.testing.assert_allclose(first.shift_std, np.sqrt(np.diag(check.causes["X"].covariance)), rtol=1e-9)
+    np.testing.assert_allclose(first.shift, check.moves[0].estimate, rtol=1e-9)
+    np.testing.assert_allclose(first.shift_std, check.moves[0].std, rtol=1e-9)
     assert second.time.endswith("+00:00")
     lines = path.read_text().splitlines()
     assert lines[0].startswith("time,poses,d2,dof,p_value,answer,cause,X_x_mm") and len(lines) == 3

@@ -426,7 +426,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     capsys.readouterr()
     assert run("check", stored, path / "new.toml", "-o", path / "check") == 0
     by_file = json.loads((path / "check" / "check.json").read_text())
-    assert "UNCHANGED" in capsys.readouterr().out and by_file["format"] == "uq-handeye rig check 1"
+    assert "UNCHANGED" in capsys.readouterr().out and by_file["format"] == "uq-handeye check 2"
     cameras = [f"--camera={name}={path / f'{name}_new.csv'}" for name in ("left", "right")]
     by_camera = ["check", stored, path / "robot_new.csv", *cameras]
     assert run(*by_camera, "--json", "--log", path / "log.csv") == 0

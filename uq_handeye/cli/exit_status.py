@@ -30,7 +30,8 @@ class ExitStatus(IntEnum):
     NOT_USABLE = (
         3,
         "the result is not usable (`NOT USABLE: ...`): the poses contradict it or do not determine it; files are "
-        "written in any case; `check`: these poses cannot tell; `certificate`: also where the uncertainty is not known",
+        "written in any case; `check`: these poses cannot tell, or something moved among them; `certificate`: also "
+        "where the uncertainty is not known",
     )
     CONTRADICTED = 4, "new measurements contradict the result (`check`, `verify`)"
     NOT_PASSED = 5, "`--tolerance` was given and the verdict is not PASS"

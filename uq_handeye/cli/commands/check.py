@@ -14,7 +14,6 @@ from .update import names_of
 
 if TYPE_CHECKING:
     from ...use.maintenance.check_result import ChangeCheck
-    from ...use.maintenance.check_views import RigCheck
 
 
 class CheckOptions(NamedTuple):
@@ -63,7 +62,8 @@ def check_command(
           --log checks.csv -o today/
 
     One pose is enough; three or more separate the causes. The exit status is 0
-    if unchanged, 4 if changed, 3 if these poses cannot tell.
+    if unchanged, 4 if changed, 3 if these poses cannot tell, or something moved
+    among them.
 
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
@@ -101,10 +101,10 @@ def check_command(
     return status_of(found)
 
 
-def status_of(found: "ChangeCheck | RigCheck") -> int:
+def status_of(found: "ChangeCheck") -> int:
     """Return the exit status of a check."""
     from ...use.maintenance.check_result import UNCHANGED
 
-    if found.changed:
+    if found.changed and found.moved_since is None:
         return ExitStatus.CONTRADICTED
     return ExitStatus.DONE if found.status == UNCHANGED else ExitStatus.NOT_USABLE

@@ -32,17 +32,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
 
 from ...calibration.evidence.new_poses import PoseEvidence
-from ...core.files.records import Record
+from ...core.files.records import Record, read
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...fit.likelihood.steps_in_time import MIN_MOMENTS
 from ...model.error_terms import keys
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows, PredictiveReference
@@ -62,10 +61,6 @@ MIN_PROBABILITY_NAMED, MIN_PROBABILITY_OF_SET = 0.98, 0.995
 MIN_PROBABILITY_LISTED = 0.01
 # A cause is named only if all others have this much more of deviance + p.
 MIN_DEVIANCE_LEAD = 1.0
-# A move among the new poses explains more than one of all by this (chi-square), besides what the choice of the pose
-# gains by chance.
-MIN_GAIN_OF_LATER_MOVE = 10.0
-
 
 # Prior probabilities of causes in a lab, if one has happened.
 PRIORS = {
@@ -127,6 +122,12 @@ class Cause(Record):
     of: str = ""  # camera, target or base of a rig, or the view
 
     @property
+    def label(self) -> str:
+        """Name for data: that of what moved in a rig, else the cause, in a rig with its part."""
+        moved = self.name in (CAMERA_MOVED, TARGET_MOVED)
+        return self.name if not self.of else self.of if moved else f"{self.name} {self.of}"
+
+    @property
     def explains(self) -> bool:
         """True if the rest of d^2 is explained by noise."""
         return self.p_left >= CONTRADICTED.probability
@@ -137,6 +138,15 @@ class Causes(ReadOnlyArrays):
     """All causes, the most probable first, and what can be concluded."""
 
     all: tuple[Cause, ...]
+
+    def to_dict(self) -> list[Any]:
+        """Return plain values of all causes."""
+        return [cause.to_dict() for cause in self.all]
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Causes:
+        """Read what `to_dict` wrote."""
+        return cls(read(tuple[Cause, ...], data, "causes"))
 
     @property
     def named(self) -> Cause | None:
@@ -196,16 +206,14 @@ def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
     return found
 
 
-def compare_causes(
-    evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference, axes: Mapping[str, Array]
-) -> Causes:
-    """Estimate each cause by itself, and compare them; ``axes``: those (3, 3) of camera and target, by their causes."""
+def candidates_of_poses(evidence: NewRows, columns: Mapping[str, Array], axes: Mapping[str, Array]) -> list[Candidate]:
+    """Return the causes of one camera; ``axes``: those (3, 3) of camera and target, by their causes."""
     candidates = [Candidate(name, C, axes.get(name)) for name, C in columns.items()]
     m = len(evidence.r)
     if m >= 3:  # one wrong pose can be separated from a change
         row, C = _most_outlying(evidence)
         candidates.append(Candidate(ONE_POSE, C, choices=m, row=row))
-    return compare_candidates(evidence, candidates, reference, evidence.dof)
+    return candidates
 
 
 def compare_candidates(
@@ -244,23 +252,6 @@ def _log_evidence(
         left = max(evidence.d2 - float(z @ np.linalg.solve(M, z)), 0.0)
         logs.append(-0.5 * reference.deviance(left) - 0.5 * float(np.linalg.slogdet(M)[1]))
     return float(logsumexp(logs)) - float(np.log(len(logs)))
-
-
-def later_move(evidence: NewRows, columns: Mapping[str, Array]) -> tuple[str, int] | None:
-    """Return whether camera or target moved among the new poses, and the first pose after it; None if it did not.
-
-    The move of all poses that explains most is compared with that of the poses from each one on.
-    """
-    m, moves = len(evidence.r), (CAMERA_MOVED, TARGET_MOVED)
-    whole = max(evidence.explained_by(columns[name]).gain for name in moves)
-    best, found = whole + MIN_GAIN_OF_LATER_MOVE + 2.0 * float(np.log(2 * m)), None
-    for name in moves:
-        for row in range(MIN_MOMENTS - 1, m - MIN_MOMENTS + 1):
-            C = columns[name].copy()
-            C[:row] = 0.0
-            if (gain := evidence.explained_by(C).gain) > best:
-                best, found = gain, (name, row)
-    return found
 
 
 def distances(evidence: NewRows) -> Array:

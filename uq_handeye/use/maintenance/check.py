@@ -1,33 +1,36 @@
 """Check whether a calibration still holds, by one or more new poses.
 
-The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole
-(`reference`). Whatever the answer, the result states which change these poses would have shown (`power`). Where the
-result no longer holds, it names the cause, as far as the poses separate the causes (`causes`), and its size.
+The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole, for a move
+of each unknown pose before them, and for one among them (`judged`). Whatever the answer, the result states which change
+these poses would have shown. Where the result no longer holds, it names the cause, as far as the poses separate the
+causes (`causes`), and its size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, overload
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimate.rig_poses import RigPoses
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.evidence.same_things import ROBOT, THINGS, others_by_pictures
 from ...calibration.prediction.predict import poses_so_far
-from ...calibration.rig_result import RigCalibration
 from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
-from ...core.geometry.se3 import difference
+from ...core.geometry.se3 import Array, difference
 from ...core.numbers.levels import DOUBTFUL, UNUSUAL
 from ...core.numbers.limits import VISIBLE_CHANGE
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.joint_covariance import Index
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.rows import PredictiveReference
 from ...model.rig.description import Rig, require_left_out
 from ...model.rig.single import poses_like
 from . import check_text as check_text  # registers the text of a result
@@ -37,43 +40,39 @@ from .causes import (
     ONE_POSE,
     TARGET_MOVED,
     TARGET_SIZE,
-    Causes,
+    candidates_of_poses,
     columns_of_causes,
-    compare_causes,
     distances,
-    later_move,
 )
-from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
-from .check_views import RigCheck, check_rig
+from .check_result import CANNOT_TELL, CHANGED, MOVED_SINCE, UNCHANGED, ChangeCheck, Move
+from .compared_views import compared_views, p_of_pair
 from .joined_poses import common_poses
+from .judged import Compared, Judged, judged
 from .misread import misread, scale_finding
 
 # Poses of joints that are farther from those of the files (rad, share of the reach) are of another arm.
 ANOTHER_ARM_SHARE = 0.05
 
 
-@overload
-def check(result: RigCalibration, poses: Rig, **options: Any) -> RigCheck: ...
-@overload
-def check(result: Estimated, poses: PosePairs, **options: Any) -> ChangeCheck: ...
-def check(  # type: ignore[misc]
-    result: Any,
-    poses: Any,
+def check(
+    result: Estimated | RigPoses,
+    poses: PosePairs | Rig,
     *,
     noise: PoseNoise | None = None,
     joints: ArrayLike | None = None,
     tolerance: Any = None,
     level: float = UNUSUAL.probability,
     same: Iterable[str] | str = THINGS,
-) -> ChangeCheck | RigCheck:
+) -> ChangeCheck:
     """Check whether a calibration still holds, by new poses of the same rig.
 
     Parameters
     ----------
     result : Calibration or RigCalibration
         With the joint covariance of X and W: of poses, by ``efficient`` or ``ml``. Of several cameras,
-        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.use.maintenance.check_views`).
-    poses : PosePairs
+        targets and arms ``poses`` is a Rig, and ``same`` are names in it
+        (`uq_handeye.use.maintenance.compared_views`).
+    poses : PosePairs or Rig
         One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
         wrong pose, and X from the target.
     noise : PoseNoise or None
@@ -93,7 +92,7 @@ def check(  # type: ignore[misc]
     -------
     ChangeCheck
         ``status`` ("unchanged", "changed" or "cannot tell"), ``p_value``, ``cause``, ``shift`` with its ``covariance``,
-        and ``detectable``: the smallest change that these poses would have shown with 95 % probability.
+        and ``moves``: of each pose also the smallest move that would have shown with 95 % probability.
 
     Raises
     ------
@@ -109,63 +108,91 @@ def check(  # type: ignore[misc]
     >>> uq.check(result, uq.simulate(n_poses=5, noise=noise, seed=2)).status
     'unchanged'
     """
-    if not 0 < level < 0.5:
-        raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
     accepted = None if tolerance is None else Tolerance.read(tolerance)
-    if isinstance(result, RigCalibration):
+    if isinstance(result, RigPoses):
         require_left_out("of a rig", noise=noise, joints=joints)
-        limits = None if accepted is None else (accepted.translation, accepted.rotation)
-        return check_rig(result, poses, level=level, tolerance=limits, same=None if same is THINGS else same)
+        if not isinstance(poses, Rig):
+            raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(poses).__name__}.")
+        return _of_views(result, poses, level, accepted, None if same is THINGS else same)
     if isinstance(poses, Rig):
         poses = poses_like(poses, result.names)
     evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
-    reference = evidence.test.reference
     columns = columns_of_causes(evidence, poses.setup)
-    detectable = detectable_changes(
-        evidence.information(columns[CAMERA_MOVED]), evidence.information(columns[TARGET_MOVED]), reference, level
-    )
     axes = {CAMERA_MOVED: result.X[:3, :3], TARGET_MOVED: np.eye(3) if result.W is None else result.W[:3, :3]}
-    causes = compare_causes(evidence, columns, reference, axes)
-    p_value = reference.p_value(evidence.d2)
-    if p_value < level:
-        status, findings = _of_change(result, poses, evidence, causes, (noise, joints, same))
+    found = judged(_compared_poses(evidence, poses, columns, axes), level)
+    limits, so_far = _limits(accepted, [poses.camera]), poses_so_far(result)
+    if found.contradicted:
+        status, findings = _of_change(result, poses, evidence, found, (noise, joints, same))
     else:
-        coarse = _coarse(detectable, accepted, evidence)
+        coarse = _coarse([one for one in found.moves if one.name == CAMERA_MOVED], limits, accepted is not None)
         status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
-        if p_value > 1 - DOUBTFUL.probability and any(
+        if found.p_value > 1 - DOUBTFUL.probability and any(
             one.accuracy is not None and one.default for one in result.shared
         ):
             findings.append(Finding("maintenance.overstated", "note"))
-    named, so_far = causes.named, poses_so_far(result)
-    moved = causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
+    reference = evidence.test.reference
     return ChangeCheck(
-        status=status,
-        p_value=p_value,
-        d2=evidence.d2,
-        dof=evidence.dof,
-        noise_dof=None if reference.noise_given else reference.noise_dof,
-        level=level,
-        detectable=detectable,
-        causes=causes,
-        shift=moved.estimate,
-        covariance=moved.covariance,
-        shift_of="W" if moved.name == TARGET_MOVED else "X",
-        distances=distances(evidence),
-        findings=tuple(findings),
-        setup=poses.setup,
-        n_poses=poses.n,
-        n_calibrated=None if so_far is None else so_far.n,
+        status, found.p_value, evidence.d2, evidence.dof, _noise_dof(reference), level, found.moves, found.causes,
+        distances(evidence), tuple(findings), poses.n, None if so_far is None else so_far.n,
+        {f"{result.names.camera}, {result.names.target}": found.p_value}, (), limits, poses.setup,
+        None if accepted is None else str(accepted),
+        next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
+    )  # fmt: skip
+
+
+def _noise_dof(reference: PredictiveReference) -> float | None:
+    return None if reference.noise_given else reference.noise_dof
+
+
+def _compared_poses(
+    evidence: PoseEvidence, poses: PosePairs, columns: Mapping[str, Array], axes: Mapping[str, Array]
+) -> Compared:
+    """Return new poses of one camera compared with its calibration."""
+
+    def reference(of: Array | None) -> PredictiveReference:
+        if of is None:
+            return evidence.test.reference
+        U, s, _ = np.linalg.svd(evidence.whitened(of), full_matrices=False)
+        return evidence.reference_along(U[:, s > s.max(initial=0.0) * CHAIN_ROUNDING])
+
+    moment = np.arange(poses.n)
+    if poses.timestamps is not None:
+        moment[np.argsort(poses.timestamps, kind="stable")] = np.arange(poses.n)
+    moved = {name: columns[name] for name in (CAMERA_MOVED, TARGET_MOVED)}
+    causes = lambda: candidates_of_poses(evidence, columns, axes)  # noqa: E731
+    return Compared(evidence, evidence.dof, reference, moved, causes, moment)
+
+
+def _of_views(
+    result: RigPoses, rig: Rig, level: float, accepted: Tolerance | None, same: Iterable[str] | str | None
+) -> ChangeCheck:
+    """Check a rig by new views."""
+    compared, evidence, moments = compared_views(result, rig, same)
+    found = judged(compared, level)
+    limits = _limits(accepted, [view.poses for view in rig.views])
+    if found.contradicted:
+        step = None if found.later is None else moments[found.later[1].begin]
+        status, findings = _named_change(found, evidence.graph.E, step)
+    else:
+        coarse = _coarse([one for one in found.moves if one.name in result.rig.cameras], limits, accepted is not None)
+        status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
+    pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
+    views = {f"{camera}, {target}": p_of_pair(evidence, rig, camera, target) for camera, target in pairs}
+    unseen = tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in compared.moved)
+    far = np.bincount(evidence.edges, compared.rows.r[:, 0] ** 2, evidence.graph.E).astype(float)
+    return ChangeCheck(
+        status, found.p_value, compared.rows.d2, compared.dof, _noise_dof(compared.reference(None)), level, found.moves,
+        found.causes, far, tuple(findings), evidence.graph.E, result.rig.n_views, views, unseen, limits,
         tolerance=None if accepted is None else str(accepted),
-        focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
-    )
+    )  # fmt: skip
 
 
 def _of_change(
     result: Estimated,
     poses: PosePairs,
     evidence: PoseEvidence,
-    causes: Causes,
+    found: Judged,
     asked: tuple[PoseNoise | None, ArrayLike | None, Iterable[str] | str],
 ) -> tuple[str, list[Finding]]:
     """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
@@ -181,8 +208,8 @@ def _of_change(
         )  # fmt: skip
         return evidence_of_poses(result, again, of, q, same).d2
 
-    first = causes.named
-    lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
+    first = found.causes.named
+    lens = any(one.name == FOCAL_LENGTH and one.explains for one in found.causes.all)
     # where the focal length explains the poses, a smaller factor on translations than 1.2 is no other reading
     other = (
         misread(result.X, result.W, poses, evidence, d2_of, least_factor=0.2)
@@ -193,15 +220,30 @@ def _of_change(
         other = scale_finding("camera", float(1.0 + first.estimate[0]))
     if other is not None:
         return CANNOT_TELL, [other]
+    step = None
+    if found.later is not None:  # a place in the order of time
+        order = np.arange(poses.n) if poses.timestamps is None else np.argsort(poses.timestamps, kind="stable")
+        step = int(order[found.later[1].begin])
+    return _named_change(found, poses.n, step)
+
+
+def _named_change(found: Judged, n: int, since: Hashable) -> tuple[str, list[Finding]]:
+    """Status and findings of n poses or views that contradict a calibration, by the causes that explain them.
+
+    ``since``: the pose from which on something moved, where it did among them.
+    """
+    first = found.causes.named
     if first is not None and first.name == ONE_POSE:
-        return CANNOT_TELL, [Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n})]
-    if (since := later_move(evidence, columns_of_causes(evidence, poses.setup))) is not None:
-        name, row = since
-        values = {"name": name, "setup": poses.setup, "row": row, "n": poses.n}
-        return CHANGED, [Finding("maintenance.moved_since", "caution", values)]
-    if not causes.explained:
-        return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left})]
-    return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
+        which = {"of": first.of} if first.row is None else {"row": first.row}
+        return CANNOT_TELL, [Finding("maintenance.one_pose_wrong", "caution", {"n": n, **which})]
+    if found.later is not None:
+        name, step = found.later
+        turn, shift = (float(np.linalg.norm(part)) for part in (step.change[:3], step.change[3:]))
+        values = {"name": name, "since": since, "n": n, "rotation": turn, "translation": shift, "p_value": step.p}
+        return CHANGED, [Finding(MOVED_SINCE, "caution", values)]
+    if not found.causes.explained:
+        return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": found.causes.all[0].p_left})]
+    return CHANGED, [Finding("maintenance.few_poses", "note", {"n": n})] if n < 3 else []
 
 
 def _others(result: Estimated, poses: PosePairs, joints: ArrayLike | None) -> dict[str, str]:
@@ -230,16 +272,22 @@ def _require_new(result: Estimated, poses: PosePairs) -> None:
         )
 
 
-def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEvidence) -> Finding | None:
-    """Return what these poses would have missed, if that matters."""
-    if accepted is None:
-        distance = float(np.median(np.linalg.norm(evidence.camera[:, :3, 3], axis=-1)))
-        limits: tuple[float | None, float | None] = VISIBLE_CHANGE * distance, VISIBLE_CHANGE
-    else:
-        limits = accepted.translation, accepted.rotation
-    found = detectable.X_translation, detectable.X_rotation
-    if all(limit is None or value <= limit for value, limit in zip(found, limits, strict=True)):
-        return None
-    move, turn = (value if np.isfinite(value) else None for value in found)
-    values = {"translation": move, "rotation": turn, "translation_limit": limits[0], "rotation_limit": limits[1]}
-    return Finding("maintenance.coarse", "caution", values | {"given": accepted is not None})
+def _limits(accepted: Tolerance | None, seen: Sequence[Array]) -> tuple[float | None, float | None]:
+    """Return the change of a camera that must show: as accepted, or a share of the distance of the targets."""
+    if accepted is not None:
+        return accepted.translation, accepted.rotation
+    distance = float(np.median(np.concatenate([np.linalg.norm(T[:, :3, 3], axis=-1) for T in seen])))
+    return VISIBLE_CHANGE * distance, VISIBLE_CHANGE
+
+
+def _coarse(moves: Sequence[Move], limits: tuple[float | None, float | None], given: bool) -> Finding | None:
+    """Return what these poses would have missed of the cameras, if that matters."""
+    for one in moves:
+        found = one.least_shift, one.least_angle
+        if all(limit is None or value <= limit for value, limit in zip(found, limits, strict=True)):
+            continue
+        move, turn = (value if np.isfinite(value) else None for value in found)
+        values = {"name": one.name, "translation": move, "rotation": turn, "translation_limit": limits[0],
+                  "rotation_limit": limits[1]}  # fmt: skip
+        return Finding("maintenance.coarse", "caution", values | {"given": given})
+    return None

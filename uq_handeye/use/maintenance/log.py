@@ -32,8 +32,8 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import Rig
+from .causes import CAMERA_MOVED
 from .check_result import ChangeCheck
-from .check_views import RigCheck
 
 NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis in "xyz")
 SHIFT = tuple(f"X_{name}" for name in NUMBERS)
@@ -90,15 +90,12 @@ def _from_columns(values: Sequence[float]) -> Array:
     return np.concatenate([np.array(values[3:]) / DEG_PER_RAD, np.array(values[:3]) / MM_PER_M])
 
 
-def _cause_and_shift(check: ChangeCheck | RigCheck) -> tuple[str, Array, Array]:
-    """Return cause, shift and its standard deviations of a check."""
-    if isinstance(check, RigCheck):
-        first = check.moves[0]
-        return check.cause or "", np.asarray(first.estimate), np.asarray(first.std)
-    codes, moved = {finding.code for finding in check.findings}, check.causes["X"]
+def _cause_and_shift(check: ChangeCheck) -> tuple[str, Array, Array]:
+    """Return the cause of a check; the move of X, of a rig the one that explains most, and its standard deviations."""
+    codes = {finding.code for finding in check.findings}
     wrong = (words for words, of in WRONG_POSES.items() if codes & set(of))
-    cause = next(wrong, " or ".join(check.candidates))
-    return cause, np.asarray(moved.estimate), np.asarray(np.sqrt(np.diag(moved.covariance)))
+    moved = next((one for one in check.moves if one.name == CAMERA_MOVED), check.moves[0])
+    return next(wrong, " or ".join(check.candidates)), moved.estimate, moved.std
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +138,7 @@ def log_check(
     path: StrPath,
     result: Calibration | RigCalibration,
     poses: PosePairs | Rig,
-    check: ChangeCheck | RigCheck,
+    check: ChangeCheck,
     *,
     time: str | None = None,
 ) -> CheckSeries:
@@ -155,7 +152,7 @@ def log_check(
         The one that was checked. A log holds the checks of one calibration.
     poses : PosePairs or Rig
         The poses that were checked.
-    check : ChangeCheck or RigCheck
+    check : ChangeCheck
         What `check` returned for them.
     time : text or None
         ISO 8601, such as ``"2026-03-02T08:00"``; None: now, in UTC.

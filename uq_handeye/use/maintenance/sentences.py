@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 from ...core.formatting.numbers import digits, probability
 from ...findings import sentence
@@ -58,9 +58,10 @@ def _(rows: Sequence[int], count: int, n: int) -> str:
 
 
 @sentence("maintenance.one_pose_wrong")
-def _(row: int, n: int) -> str:
+def _(n: int, row: int | None = None, of: str = "") -> str:
+    what = f"pose {row} of {n}" if not of else f"the view {of}"
     return (
-        f"Only pose {row} of {n} contradicts the calibration, and no change explains it: probably a wrong detection or "
+        f"Only {what} contradicts the calibration, and no change explains it: probably a wrong detection or "
         "robot pose. Measure it again, or leave it out."
     )
 
@@ -90,6 +91,7 @@ def _(
     translation_limit: float | None,
     rotation_limit: float | None,
     given: bool,
+    name: str = "X",
 ) -> str:
     parts = []
     for value, limit, scale, unit in (
@@ -99,9 +101,8 @@ def _(
         if limit is not None and (value is None or value > limit):
             shown = "any size" if value is None else f"{digits(scale * value, 2)} {unit}"
             parts.append(f"{shown}, with {digits(scale * limit, 2)} {unit} {'accepted' if given else 'as the limit'}")
-    return (
-        f"These poses could miss a change of X of {' and '.join(parts)}. Add poses, at more orientations and distances."
-    )
+    missed = " and ".join(parts)
+    return f"These poses could miss a change of {name} of {missed}. Add poses, at more orientations and distances."
 
 
 @sentence("maintenance.overstated")
@@ -120,10 +121,12 @@ def _(old: int, new: int) -> str:
     )
 
 
-@sentence("maintenance.moved_since", rows=("row",))
-def _(name: str, setup: str, row: int, n: int) -> str:
-    what = "camera" if name == "X" else "target"
+@sentence("maintenance.moved_since", phrase="{name} moved among the new poses, from pose {since} on", rows=("since",))
+def _(name: str, since: Hashable, n: int, rotation: float, translation: float, p_value: float) -> str:
+    what = {"X": "The camera", "target": "The target"}.get(name, name)
+    counted = f" of {n} on (counted from 0)" if isinstance(since, int) and name in ("X", "target") else " on"
+    by = f"{digits(1e3 * translation, 2)} mm and {digits(math.degrees(rotation), 2)} deg"
     return (
-        f"The {what} moved from new pose {row} on (of {n}, counted from 0): the poses before it agree with the "
-        f"calibration. Check the poses from {row} on by themselves for the size of the move."
+        f"{what} moved among the new poses, from pose {since}{counted}, by {by} ({probability(p_value)}): the poses "
+        f"before agree with the calibration. Fix it, and calibrate again."
     )

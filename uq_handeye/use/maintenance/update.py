@@ -39,7 +39,7 @@ from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
 from ...core.files.json_values import Json, JsonObject
-from ...core.formatting.numbers import digits, probability
+from ...core.formatting.numbers import digits
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
 from ...core.numbers.levels import UNUSUAL
@@ -53,6 +53,7 @@ from ...model.posterior.rows import NewRows
 from ...model.rig.description import Rig, require_left_out
 from ...model.rig.single import poses_like
 from .check import check
+from .check_text import refusal_of_update
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
 from .misread import MISREAD
 from .update_views import update_rig
@@ -216,12 +217,8 @@ def require_unchanged(
         if finding.code in MISREAD:
             raise InputError(f"The new poses contradict the result as they were read. {finding}")
     if found.changed:
-        cause = f", probably {found.cause}" if found.cause is not None else ""
-        error = InputError(
-            f"The new poses contradict the result ({probability(found.p_value)}): something has changed{cause}. Look "
-            "at uq-handeye check, and calibrate again; or update all the same (--although-changed)."
-        )
-        error.findings = moves()
+        error = refusal_of_update(found)
+        error.findings = moves() or error.findings
         raise error
 
 

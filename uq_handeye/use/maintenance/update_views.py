@@ -17,7 +17,8 @@ from ...fit.one_model.declared import request_from_dict
 from ...model.rig.description import Rig
 from ...model.shared_errors.assumed import replace_defaults
 from ...model.shared_errors.shared_error import SharedError
-from .check_views import check_rig
+from .check import check
+from .check_text import refusal_of_update
 
 
 def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
@@ -45,14 +46,14 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
                 "calibration has already. Remove it, or rename the pose."
             )
     if not although_changed:
-        found = check_rig(result, rig, level=CONTRADICTED.probability)
+        found = check(result, rig, level=CONTRADICTED.probability)
         if found.changed:
-            error = InputError(
-                f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."
-            )
+            error = refusal_of_update(found)
             with suppress(InputError, NotConvergedError):
                 after = _calibrated_with(result, new).findings
-                error.findings = tuple(one for one in after if one.severity == "failure" and one.explains)
+                error.findings = tuple(one for one in after if one.severity == "failure" and one.explains) or (
+                    error.findings
+                )
             raise error
     return _calibrated_with(result, new)
 

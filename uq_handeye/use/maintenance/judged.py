@@ -1,0 +1,109 @@
+"""Test new measurements of a rig, of one camera or several, for what has changed and what moved among them.
+
+All new rows are tested together (`posterior.rows`), a move of each unknown pose before them by its own chi-square, and
+a step of each among them, from one moment on (`likelihood.steps_in_time`): the change of a single pose is lost among
+the residuals of many others. Of the probability of a false alarm the first test has half, the moves and the steps a
+quarter each, divided by their number (Bonferroni). Whatever the answer, the smallest move of each pose that these
+measurements would have shown is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from ...core.numbers.levels import POWER
+from ...errors import InputError
+from ...fit.likelihood.steps_in_time import MIN_MOMENTS, Step, largest_step, sums_of
+from ...model.noise.cholesky import checked_cholesky, substitute
+from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
+from .causes import Candidate, Causes, compare_candidates
+from .check_result import Move
+
+# A move among the new poses explains more than one before all of them by this (chi-square), in addition to what the
+# choice of the pose gains by chance.
+MIN_GAIN_OF_LATER_MOVE = 10.0
+
+
+class Compared(NamedTuple):
+    """New measurements compared with a calibration: rows, columns of the moves of unknown poses, and causes."""
+
+    rows: NewRows
+    dof: int  # of d^2
+    # distribution of d^2 of the directions of columns, or of all rows
+    reference: Callable[[Array | None], PredictiveReference]
+    moved: Mapping[str, Array]  # (m, k, 6) columns of each unknown pose by name
+    causes: Callable[[], Sequence[Candidate]]
+    moment: NDArray[np.intp]  # (m,) place in time of each row
+
+
+class Judged(NamedTuple):
+    """The outcome of the tests of new measurements."""
+
+    p_value: float
+    contradicted: bool
+    moves: tuple[Move, ...]
+    causes: Causes
+    later: tuple[str, Step] | None  # what moved among them, and the step
+
+
+def judged(of: Compared, level: float) -> Judged:
+    """Test new measurements against the calibration, at a probability of a false alarm."""
+    if not 0 < level < 0.5:
+        raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
+    reference = of.reference(None)
+    p = reference.p_value(of.rows.d2)
+    of_all, of_one = level / 2, level / 4 / len(of.moved)
+    least = reference.noncentrality(POWER.probability, of_all)
+    moves = sorted((_move(of, name, least, of_one) for name in of.moved), key=lambda one: -one.chi_square)
+    steps = _steps(of)
+    by_step = any(step.p < of_one for _, step in steps)
+    contradicted = p < of_all or min(one.p for one in moves) < of_one or by_step
+    later = None
+    if steps and contradicted:
+        name, step = max(steps, key=lambda one: one[1].chi_square)
+        chance = MIN_GAIN_OF_LATER_MOVE + 2.0 * float(np.log(2 * len(np.unique(of.moment))))
+        later = (name, step) if step.chi_square > moves[0].chi_square + chance else None
+    return Judged(p, contradicted, tuple(moves), compare_candidates(of.rows, of.causes(), reference, of.dof), later)
+
+
+def _move(of: Compared, name: str, least: float, level: float) -> Move:
+    """Return the move of one unknown pose; ``least``: noncentrality that shows in all rows together."""
+    columns = of.moved[name]
+    by = of.rows.explained_by(columns)
+    rank = int(np.linalg.matrix_rank(by.covariance, hermitian=True)) if by.gain > 0 else 0
+    reference = of.reference(columns)
+    left = of.reference(None).p_value(max(of.rows.d2 - by.gain, 0.0), max(of.dof - rank, 1))
+    needed = min(least, reference.noncentrality(POWER.probability, level))
+    shift, angle = smallest_change(of.rows.information(columns), needed)
+    return Move(name, by.gain, reference.p_value(by.gain), left, angle, shift, by.estimate, by.covariance)
+
+
+def _steps(of: Compared) -> list[tuple[str, Step]]:
+    """Return the step of each unknown pose among the new rows of the largest chi-square.
+
+    The errors of the posterior are the other unknowns.
+    """
+    rows, found = of.rows, list[tuple[str, Step]]()
+    B = checked_cholesky(rows.own)
+    V, r = substitute(B, rows.by_unit), substitute(B, rows.r[..., None])
+    flat = V.reshape(-1, V.shape[-1])
+    inverse = np.asarray(np.linalg.inv(np.eye(V.shape[-1]) + flat.T @ flat), dtype=float)
+    e = r - (V @ (inverse @ (flat.T @ r.reshape(-1))))[..., None]
+    rest = np.concatenate([V, e], axis=-1)
+    for name, columns in of.moved.items():
+        some = np.abs(columns).max(axis=(1, 2)) > 0.0  # a pose is not seen at every moment
+        moments, place = np.unique(of.moment[some], return_inverse=True)
+        each = sums_of(-substitute(B, columns)[some], rest[some])
+        sums = np.zeros((len(moments), *each.shape[1:]))
+        np.add.at(sums, place, each)
+        step, reference = largest_step(inverse, sums, np.arange(len(moments))), of.reference(columns)
+        if step is not None:
+            tried = len(moments) + 1 - 2 * MIN_MOMENTS
+            p = step.p if reference.noise_given else min(1.0, tried * reference.p_value(step.chi_square))
+            found.append((name, step._replace(begin=int(moments[step.begin]), p=p)))
+    return found
