@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..core.geometry.se3 import Array, difference, perturb, skew
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import NotConvergedError
-from .lens import MODEL, Lens
+from .lens import Lens
 from .tracks import Tracks
 
 # Damping of the steps, relative to the diagonal, at the start.
@@ -42,9 +42,7 @@ class Scene(ReadOnlyArrays):
 
     def residuals(self) -> Array:
         """(N, 2) predicted minus seen pixels."""
-        return (
-            MODEL.project(self.lens.values, self._seen(), np.zeros(len(MODEL.names), bool)).pixels - self.tracks.pixels
-        )
+        return np.asarray(self.lens.project(self._seen(), self.tracks.picture).pixels - self.tracks.pixels)
 
     def in_camera(self) -> Array:
         """(N, 3) points in the frames of the cameras that see them."""
@@ -76,7 +74,7 @@ class Scene(ReadOnlyArrays):
     def of_pictures(self, kept: NDArray[np.intp]) -> Scene:
         """Return the scene of some of its pictures, by ascending numbers."""
         tracks, points = self.tracks.of_pictures(kept)
-        return replace(self, tracks=tracks, points=self.points[points], poses=self.poses[kept])
+        return Scene(tracks, self.poses[kept], self.points[points], self.lens.of_pictures(kept))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +141,7 @@ def reduce(scene: Scene, s: float, weights: Array | None = None, damping: float 
     t, n, f = scene.tracks, scene.tracks.n, scene.lens.f
     R = scene.poses[t.picture, :3, :3]
     seen = scene._seen()
-    found = MODEL.project(scene.lens.values, seen, scene.lens.free)
+    found = scene.lens.project(seen, t.picture, derivatives=True)
     r = found.pixels - t.pixels
     w = weights_of(r, s) if weights is None else weights
     root = (np.sqrt(w) / s)[:, None, None]
@@ -246,19 +244,17 @@ def _round(scene: Scene, s: float, pull: Pull | None, damping: float, length: fl
 
 def _stepped(scene: Scene, at: Reduced, step: Array) -> Scene:
     zeta = step[: 6 * at.n].reshape(-1, 6)
-    values = np.array(scene.lens.values)
-    values[scene.lens.free] += step[6 * at.n :]
     return replace(
         scene,
         poses=perturb(scene.poses, zeta),
         points=scene.points + at.points_after(step),
-        lens=scene.lens.at(values),
+        lens=scene.lens.stepped(step[6 * at.n :]),
     )
 
 
 def _cost(scene: Scene, s: float, pull: Pull | None) -> float:
     """Robust cost in units of the noise; infinite where a focal length is not positive."""
-    if (scene.lens.values[:2] <= 0).any():
+    if not scene.lens.possible:
         return np.inf
     squares = np.sum(scene.residuals() ** 2, axis=-1) / (s * s)
     rows = scene.lens.prior_rows()[0]

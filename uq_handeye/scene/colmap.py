@@ -75,6 +75,7 @@ class Matched:
     features: NDArray[np.intp]  # (n,)
     ids: NDArray[np.intp]  # (n,) of the pictures in the database
     weak: bool  # whether features of low contrast were looked for
+    cameras: tuple[int, ...]  # of the database
 
     @property
     def database(self) -> Path:
@@ -159,12 +160,19 @@ def _opened(module: ModuleType, path: Path) -> Iterator[Any]:
 
 
 def match(
-    paths: Sequence[Path], folder: Path, lens: Lens | None, mask: Path | None, say: Say, weak: bool = False
+    paths: Sequence[Path],
+    folder: Path,
+    lens: Lens | None,
+    mask: Path | None,
+    say: Say,
+    weak: bool = False,
+    counts: Sequence[int] = (),
 ) -> Matched:
     """Find the features of pictures and match them, in a database in ``folder``.
 
     ``lens``: known intrinsics; ``mask``: a picture that is black where pictures show what is not the scene; ``weak``:
-    take weak features, too, as is done where pictures have few others.
+    take weak features, too, as is done where pictures have few others; ``counts``: numbers of pictures of several
+    cameras of unknown lenses, one after the other.
 
     Raises
     ------
@@ -172,9 +180,9 @@ def match(
         A file that is no picture, or pictures of different sizes.
     """
     module = pycolmap()
-    found = features(paths, folder, lens, mask, say, weak)
+    found = features(paths, folder, lens, mask, say, weak, counts)
     if not weak and np.median(found.features) < FEW_FEATURES:
-        found = features(paths, folder, lens, mask, say, weak=True)
+        found = features(paths, folder, lens, mask, say, True, counts)
     names = found.names
     matching, pairing = module.FeatureMatchingOptions(), {}
     matching.num_threads, matching.use_gpu = 1, False
@@ -204,6 +212,7 @@ def features(
     mask: Path | None,
     say: Say,
     weak: bool,
+    counts: Sequence[int] = (),
     image_size: tuple[int, int] | None = None,
 ) -> Matched:
     """Find the features of pictures, in a database in ``folder``; see `match`.
@@ -230,17 +239,20 @@ def features(
         reading.camera_model = "SIMPLE_RADIAL"
     else:
         reading.camera_model, reading.camera_params = "OPENCV", ",".join(map(repr, _of_lens(lens).tolist()))
-    module.extract_features(
-        path,
-        root,
-        image_names=names,
-        camera_mode=module.CameraMode.SINGLE,
-        reader_options=reading,
-        extraction_options=options,
-        device=module.Device.cpu,
-    )
+    ends = np.cumsum(counts or [len(names)]).tolist()
+    for start, stop in zip([0, *ends], ends, strict=False):
+        module.extract_features(
+            path,
+            root,
+            image_names=names[start:stop],
+            camera_mode=module.CameraMode.SINGLE,
+            reader_options=reading,
+            extraction_options=options,
+            device=module.Device.cpu,
+        )
     with _opened(module, path) as database:
-        images = {image.name: int(image.image_id) for image in database.read_all_images()}
+        every = database.read_all_images()
+        images = {image.name: int(image.image_id) for image in every}
         if missing := [shown(one) for name, one in zip(names, paths, strict=True) if name not in images]:
             raise InputError(
                 f"Cannot use {', '.join(missing[:3])} as a picture of the scene: it cannot be read, or its size is "
@@ -248,13 +260,15 @@ def features(
             )
         ids = np.array([images[name] for name in names], dtype=np.intp)
         _keep_largest(database, ids.tolist(), most)
-        counts = np.array([database.num_keypoints_for_image(int(id)) for id in ids], dtype=np.intp)
-        camera = database.read_all_cameras()[0]
+        number = np.array([database.num_keypoints_for_image(int(id)) for id in ids], dtype=np.intp)
+        of = {image.name: int(image.camera_id) for image in every}
+        cameras = tuple(dict.fromkeys(of[name] for name in names))
+        camera = database.read_camera(cameras[0])
     size = int(camera.width), int(camera.height)
     if image_size not in (None, size):
         got, expected = ("{} x {}".format(*one) for one in (size, image_size or size))
         raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
-    return Matched(folder, root, tuple(names), size, counts, ids, weak)
+    return Matched(folder, root, tuple(names), size, number, ids, weak, cameras)
 
 
 def _keep_largest(database: Any, ids: Sequence[int], most: int) -> None:
@@ -297,8 +311,8 @@ def models(seen: Matched, lens: Lens | None, say: Say) -> list[Model]:
     options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
     options.ba_global_max_refinements, options.ba_local_max_refinements = 2, 1
     if lens is not None:
-        options.ba_refine_focal_length = bool(lens.free[:2].any())
-        options.ba_refine_extra_params = bool(lens.free[4:].any())
+        options.ba_refine_focal_length = any(one.free[:2].any() for one in lens.each)
+        options.ba_refine_extra_params = any(one.free[4:].any() for one in lens.each)
     done = 0
 
     def next_picture() -> None:
@@ -357,21 +371,27 @@ def _model(seen: Matched, known: Any, lens: Lens) -> Model:
     tracks = Tracks.of(np.array(picture, dtype=np.intp), np.array(point, dtype=np.int64), at, names, seen.image_size)
     points = np.array([known.point3D(int(id)).xyz for id in numbers]).reshape(-1, 3)
     colours = np.array([known.point3D(int(id)).color for id in numbers], dtype=np.uint8).reshape(-1, 3)
-    camera = next(iter(known.cameras.values()))
-    values = np.array(lens.values)
-    of = camera.params
+    lens = lens.with_each([
+        _lens(known.cameras[id], one) if id in known.cameras else one
+        for id, one in zip(seen.cameras, lens.each, strict=True)
+    ]).of_pictures(rows)  # fmt: skip
+    # a track may meet a picture twice: such a point is left out
+    twice = np.zeros(tracks.m, dtype=bool)
+    same = (np.diff(tracks.point) == 0) & (np.diff(tracks.picture) == 0)
+    twice[tracks.point[1:][same]] = True
+    scene = Scene(tracks, np.array(poses).reshape(-1, 4, 4), points, lens)
+    return Model(rows, scene.where(~twice[tracks.point]), colours[~twice])
+
+
+def _lens(camera: Any, lens: Lens) -> Lens:
+    """Return the lens as a camera of a reconstruction has it."""
+    values, of = np.array(lens.values), camera.params
     if camera.model_name == "OPENCV":
         values[:8] = of
         values[2:4] -= CORNER_PX
     else:  # f, cx, cy, k
         values[:5] = of[0], of[0], of[1] - CORNER_PX, of[2] - CORNER_PX, of[3]
-    values = np.where(lens.free, values, lens.values)
-    # a track may meet a picture twice: such a point is left out
-    twice = np.zeros(tracks.m, dtype=bool)
-    same = (np.diff(tracks.point) == 0) & (np.diff(tracks.picture) == 0)
-    twice[tracks.point[1:][same]] = True
-    scene = Scene(tracks, np.array(poses).reshape(-1, 4, 4), points, lens.at(values))
-    return Model(rows, scene.where(~twice[tracks.point]), colours[~twice])
+    return lens.at(np.where(lens.free, values, lens.values))
 
 
 def pose_by_points(

@@ -54,8 +54,8 @@ def adjusted(model: Model, pull: Pull | None = None) -> Placed:
         kept = np.flatnonzero(~few)
         if len(kept) < 3:
             break
-        tracks, points = scene.tracks.of_pictures(kept)
-        scene = Scene(tracks, scene.poses[kept], scene.points[points], scene.lens)
+        points = scene.tracks.of_pictures(kept)[1]
+        scene = scene.of_pictures(kept)
         rows, colours = rows[kept], colours[points]
         if pull is not None:
             pull = pull.of_pictures(kept)

@@ -138,7 +138,7 @@ def place_pictures(
     """
     old = known.scene
     t = old.tracks
-    seen = colmap.features(paths, folder, old.lens, None, say, known.weak, t.image_size)
+    seen = colmap.features(paths, folder, old.lens, None, say, known.weak, image_size=t.image_size)
     say("placing pictures")
     rows: list[int] = []
     poses, parts = [], [(t.picture, t.point, t.pixels)]
