@@ -120,6 +120,5 @@ def _noise_of(noise: PoseNoise, n: int, order: NDArray[np.intp], factors: Mappin
         side.shared * [1.0 if key is None else min(1.0, factors.get(key.error, 1.0)) for key in side.keys]
         for side in (robot, camera)
     )
-    K_robot = np.concatenate([of_robot, np.zeros_like(of_camera)], axis=-1)[order]
-    K_camera = np.concatenate([np.zeros_like(of_robot), of_camera], axis=-1)[order]
-    return RigNoise(robot.own[order], camera.own[order], K_robot, K_camera)
+    is_robot = np.arange(of_robot.shape[-1] + of_camera.shape[-1]) < of_robot.shape[-1]
+    return RigNoise(robot.own[order], camera.own[order], of_robot[order], of_camera[order], is_robot)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...fit.graph.fit import whitened
+from ...fit.graph.fit import Place, whitened
 from ...fit.graph.graph import Graph
 from ...fit.graph.sizes import ALL_TARGETS, model_of
 from ...model.error_terms.key import ErrorKey
@@ -118,11 +118,11 @@ def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | No
     others = others_of(result, same)
     e = np.where(others, 0.0, posterior.estimate)[:, None]
     robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
-    sides = graph.linearise(result.poses, robot, C)
+    place = Place(result.poses, robot, C)
     ones = np.ones(graph.E), np.ones(graph.P)
     white, edges, halves = [], [], []
     for batch in graph.batches:
-        part = whitened(graph, batch, sides, noise, *ones, None)
+        part = whitened(graph, batch, place, noise, *ones)
         halves.append(part.half)
         white.append(part.white.reshape(-1, part.white.shape[-1]))
         edges.append(np.repeat(batch.edges.reshape(-1), 6))
@@ -138,7 +138,7 @@ def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | No
     scales = _scales(result, rig, graph, halves, by_unit)
     weights = result.size_weights if len(scales) > 1 else np.ones(1)
     of_views = np.concatenate(edges)
-    return RigEvidence(graph, rows, J, of_views, free, weights, scales, sides.camera, tuple(halves))
+    return RigEvidence(graph, rows, J, of_views, free, weights, scales, place.sides(graph).camera, tuple(halves))
 
 
 def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:

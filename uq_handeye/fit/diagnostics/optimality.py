@@ -37,7 +37,7 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, logarithm
 from ...model.rig.description import Rig
 from ..graph.fit import Prior, RigFit, fit
-from ..graph.graph import Graph
+from ..graph.graph import VIEWS_TOGETHER, Graph
 
 # A minimum is proven global where the relative gap to its lower bound is below this.
 PROVEN = 1e-5
@@ -212,40 +212,37 @@ class Isotropic:
 
     def quadratic(self, at: Array) -> tuple[Array, Array]:
         """Q (9k + 1, 9k + 1) about the rotations of (m, 4, 4), and the derivatives (3k, 9k + 1) of the translations."""
-        rows, place = self.rows, np.searchsorted(self.others, np.arange(self.graph.m))
-        k, n, each = len(self.others), len(self.rows.X), np.arange(len(self.rows.X))
-        R_X, R_W = at[rows.X, :3, :3], at[rows.W, :3, :3]
-        left, right, R_C = rows.G[:, :3, :3] @ R_X, rows.H[:, :3, :3] @ R_W, rows.C[:, :3, :3]
-        turn = np.empty((n, 9, 19))
-        turn[..., :9] = np.einsum("nij,nlk->nikjl", left, R_C).reshape(n, 9, 9)
-        turn[..., 9:18] = -np.einsum("nij,kl->nikjl", right, np.eye(3)).reshape(n, 9, 9)
-        turn[..., 18] = (left @ R_C - right).reshape(n, 9)
-        turn *= np.sqrt(rows.w_r)[:, None, None]
-        t_C = rows.C[:, :3, 3]
-        shift = np.zeros((n, 3, k + 1, 9))
-        shift[each, :, place[rows.X]] += np.einsum("nij,nl->nijl", left, t_C).reshape(n, 3, 9)
-        shift[:, :, -1, 0] = (left @ t_C[..., None])[..., 0] + rows.G[:, :3, 3] - rows.H[:, :3, 3]
-        moved = np.zeros((n, 3, k, 3))
-        moved[each, :, place[rows.X]] += rows.G[:, :3, :3]
-        moved[each, :, place[rows.W]] -= rows.H[:, :3, :3]
-        size, root = 9 * k + 1, np.sqrt(rows.w_t)[:, None, None]
-        A = (root * moved.reshape(n, 3, -1)).reshape(3 * n, -1)
-        B = (root * shift.reshape(n, 3, -1)[..., :size]).reshape(3 * n, -1)
-        by = -np.linalg.lstsq(A.T @ A, A.T @ B, rcond=1e-12)[0]
-        B = B + A @ by
-        Q = np.asarray(B.T @ B)
-        for edges, pair in self.kinds:
-            Z = turn[edges].reshape(-1, 19)
-            of = np.append((9 * pair[:, None] + np.arange(9)).reshape(-1), size - 1)
-            Q[np.ix_(of, of)] += Z.T @ Z
+        k = len(self.others)
+        size, shifts = 9 * k + 1, []
+        Q, AA, AB = np.zeros((size, size)), np.zeros((3 * k, 3 * k)), np.zeros((3 * k, size))
+        for rows, pair in self.parts:
+            turns = (9 * pair[:, None] + np.arange(9)).reshape(-1)
+            turn, moved, shift = _rows_of(rows, at)
+            of = np.append(turns, size - 1)
+            Q[np.ix_(of, of)] += turn.T @ turn
+            translations, of = (3 * pair[:, None] + np.arange(3)).reshape(-1), np.append(turns[:9], size - 1)
+            AA[np.ix_(translations, translations)] += moved.T @ moved
+            AB[np.ix_(translations, of)] += moved.T @ shift
+            shifts.append((translations, of, moved, shift))
+        by = -np.linalg.lstsq(AA, AB, rcond=1e-12)[0]
+        for translations, of, moved, shift in shifts:
+            B = moved @ by[translations]
+            B[:, of] += shift
+            Q += B.T @ B
         return Q, np.asarray(by, dtype=float)
 
     @cached_property
-    def kinds(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Views of the same camera and target, and the places (2,) of the two among `others`."""
+    def parts(self) -> list[tuple[Rows, NDArray[np.intp]]]:
+        """Views of the same camera and target, a thousand at once, and the places (2,) of the two among `others`."""
         both = np.searchsorted(self.others, np.stack([self.rows.X, self.rows.W], axis=-1))
         pairs, kind = np.unique(both, axis=0, return_inverse=True)
-        return [(np.flatnonzero(kind.reshape(-1) == k), pair) for k, pair in enumerate(pairs)]
+        found = []
+        for k, pair in enumerate(pairs):
+            edges = np.flatnonzero(kind.reshape(-1) == k)
+            for start in range(0, len(edges), VIEWS_TOGETHER):
+                some = edges[start : start + VIEWS_TOGETHER]
+                found.append((Rows(*(values[some] for values in self.rows)), pair))
+        return found
 
     def minimum(self, start: Array) -> Array:
         """Return the local minimum (m, 4, 4) next to rotations of a start."""
@@ -283,6 +280,29 @@ class Isotropic:
         turned = np.eye(3) + (D[:-1] / D[-1]).reshape(-1, 3, 3)
         towards[self.others, :3, :3] = at[self.others, :3, :3] @ nearest_rotation(turned)[0]
         return scale * gamma, towards
+
+
+def _rows_of(rows: Rows, at: Array) -> tuple[Array, Array, Array]:
+    """Rows of n views of one camera and one target, times the roots of their weights.
+
+    Those of the rotation (9n, 19) by both rotations and the residual; those of the translation by both translations
+    (3n, 6), and by the rotation of the camera and the residual (3n, 10).
+    """
+    n = len(rows.X)
+    R_X, R_W = at[rows.X, :3, :3], at[rows.W, :3, :3]
+    left, right, R_C = rows.G[:, :3, :3] @ R_X, rows.H[:, :3, :3] @ R_W, rows.C[:, :3, :3]
+    t_C = rows.C[:, :3, 3]
+    turn = np.empty((n, 9, 19))
+    turn[..., :9] = (left[:, :, None, :, None] * R_C.mT[:, None, :, None, :]).reshape(n, 9, 9)
+    turn[..., 9:18] = -(right[:, :, None, :, None] * np.eye(3)[:, None, :]).reshape(n, 9, 9)
+    turn[..., 18] = (left @ R_C - right).reshape(n, 9)
+    turn *= np.sqrt(rows.w_r)[:, None, None]
+    moved, shift, root = np.empty((n, 3, 6)), np.empty((n, 3, 10)), np.sqrt(rows.w_t)[:, None, None]
+    moved[..., :3], moved[..., 3:] = root * rows.G[:, :3, :3], -root * rows.H[:, :3, :3]
+    shift[..., :9] = (left[..., None] * t_C[:, None, None, :]).reshape(n, 3, 9)
+    shift[..., 9] = (left @ t_C[..., None])[..., 0] + rows.G[:, :3, 3] - rows.H[:, :3, 3]
+    shift *= root
+    return turn.reshape(9 * n, 19), moved.reshape(3 * n, 6), shift.reshape(3 * n, 10)
 
 
 def largest_bound(Q: Array) -> tuple[float, Array]:

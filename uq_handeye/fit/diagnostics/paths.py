@@ -46,12 +46,20 @@ from ...errors import InputError, NotConvergedError
 from ...findings import Finding
 from ...model.rig.description import Rig
 from ...model.rig.sentences import path_words
-from ..graph.fit import RigFit, Task, fit
+from ..graph.fit import RigFit, Task, White, fit
 from ..graph.graph import Graph
 from ..graph.noise import RigNoise
 from ..graph.weights import fit_robustly
 from ..likelihood.robust import largest_by_chance
-from ..likelihood.steps_in_time import FALSE_FINDING, MIN_MOMENTS, MIN_RUN, differences, largest_step, sums_of
+from ..likelihood.steps_in_time import (
+    FALSE_FINDING,
+    MIN_MOMENTS,
+    MIN_RUN,
+    Moments,
+    differences,
+    largest_step,
+    sums_of,
+)
 from ..one_model.request import Request
 
 # Two causes cannot be separated where their chi-squares differ by less.
@@ -111,13 +119,18 @@ class RigPath(Record):
 
 def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     """Return every path of a fit: those through pairs of camera and target, then those in time."""
-    white = _white(found)
-    return (*_through_pairs(found, white), *_in_time(rig, found, white))
-
-
-def _white(found: RigFit) -> list[Array]:
-    """Whitened A and residual of each batch (g, d, p + m + 1)."""
-    return [part.white for part in found.rows]
+    graph, pairs, (moment, names) = found.graph, _pairs(found.graph), moments_of(rig, found.graph)
+    in_time = [_InTime.of(found, moment, u) for u in range(graph.m)]
+    totals = np.zeros((len(pairs), 6, len(found.whole) + 7))
+    for k, part in enumerate(found.rows):
+        rows = part.white
+        for one in in_time:
+            one.add(k, rows)
+        for total, (u, _, of) in zip(totals, pairs, strict=True):
+            B, some = _columns(part, u, of)
+            total += sums_of(B, rows[some]).sum(axis=0)
+    steps = (one.path(found, moment, names) for one in in_time)
+    return (*_through_pairs(found, pairs, totals), *(path for path in steps if path is not None))
 
 
 def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable, ...]]:
@@ -128,12 +141,12 @@ def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
 
 
-def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
-    """B (g, d, 6) of batch k by the unknown u, in the edges ``of`` (E,), and the groups that have any."""
-    part = found.rows[k]
-    J = part.A[..., 6 * u : 6 * u + 6] * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None]
-    some = np.flatnonzero(np.abs(J).max(axis=(-2, -1)) > 0)
-    return np.asarray(part.half[some] @ J[some]), some
+def _columns(part: White, u: int, of: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
+    """B (g, d, 6) of a batch by the unknown u, in the edges ``of`` (E,), and the groups that have any."""
+    edges = part.batch.edges
+    some = np.flatnonzero(of[edges].any(axis=-1))
+    J = part.J[some, :, 6 * u : 6 * u + 6] * np.repeat(of[edges[some]], 6, axis=-1)[..., None]
+    return np.asarray(part.half[some] @ J), some
 
 
 def _views_of(graph: Graph, u: int) -> NDArray[np.bool_]:
@@ -141,21 +154,12 @@ def _views_of(graph: Graph, u: int) -> NDArray[np.bool_]:
     return np.asarray((u == graph.X) | (u == graph.W) | (graph.base[0] == u) | (graph.base[1] == u))
 
 
-def _rows_in_time(
-    found: RigFit, white: list[Array], moment: NDArray[np.intp], u: int
-) -> tuple[list[tuple[Array, Array]], NDArray[np.intp]]:
-    """Columns B (g, d, 6) of one pose and rows (g, d, q + 1) of each batch, and the moment of each group of all."""
-    parts, first = [], []
-    for part, rows in zip(found.rows, white, strict=True):
-        some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
-        parts.append((rows[some, :, 6 * u : 6 * u + 6], rows[some]))
-        first.append(moment[part.batch.edges[some]].min(axis=-1))
-    return parts, np.concatenate(first)
+Pair = tuple[int, int, NDArray[np.bool_]]  # a pose, the one whose views give its other estimate, and these views (E,)
 
 
-def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
+def _pairs(graph: Graph) -> list[Pair]:
     """Cameras by each of their targets, and targets by each of their cameras, where there are several."""
-    graph, paths = found.graph, []
+    found = []
     for u, partners in [(u, graph.W[u == graph.X]) for u in np.unique(graph.X).tolist()] + [
         (u, graph.X[u == graph.W]) for u in np.unique(graph.W).tolist()
     ]:
@@ -163,38 +167,62 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
         listed = np.unique(partners).tolist()
         # both estimates of one pose give the same difference: one of them is reported
         for v in listed if len(listed) > 2 else listed[1:]:
-            of = of_all & ((v == graph.X) | (v == graph.W))
-            total = np.zeros((6, 6 + white[0].shape[-1]))
-            for k, rows in enumerate(white):
-                B, some = _columns(found, k, u, of)
-                total += sums_of(B, rows[some]).sum(axis=0)
-            square, dof, d, S = (one[0] for one in differences(found.whole, total[None]))
-            if dof:
-                paths.append(
-                    RigPath(graph.names[u], graph.names[v], None, float(square), int(dof), float(chdtrc(dof, square)),
-                            d, S, int(of.sum()), u, of)
-                )  # fmt: skip
+            found.append((u, v, of_all & ((v == graph.X) | (v == graph.W))))
+    return found
+
+
+def _through_pairs(found: RigFit, pairs: list[Pair], totals: Array) -> list[RigPath]:
+    """Paths through pairs of camera and target, by the sums of their rows."""
+    names, paths = found.graph.names, []
+    for (u, v, of), total in zip(pairs, totals, strict=True):
+        square, dof, d, S = (one[0] for one in differences(found.whole, total[None]))
+        if dof:
+            paths.append(
+                RigPath(names[u], names[v], None, float(square), int(dof), float(chdtrc(dof, square)), d, S,
+                        int(of.sum()), u, of)
+            )  # fmt: skip
     return paths
 
 
-def _in_time(rig: Rig, found: RigFit, white: list[Array]) -> list[RigPath]:
-    """Each pose from one moment on, the one of the largest chi-square."""
-    graph, paths = found.graph, list[RigPath]()
-    moment, names = moments_of(rig, graph)
-    for u in range(graph.m):
-        parts, at = _rows_in_time(found, white, moment, u)
-        sums = [sums_of(B, rows) for B, rows in parts]
-        order = np.argsort(at, kind="stable")
-        step = largest_step(found.whole, np.concatenate(sums)[order], at[order])
+class _InTime(NamedTuple):
+    """Rows of one pose in order of time."""
+
+    u: int
+    groups: tuple[NDArray[np.intp], ...]  # of each batch, those that depend on the pose
+    numbers: tuple[NDArray[np.intp], ...]  # of these among all groups of the pose
+    moments: Moments
+    sums: Array
+
+    @classmethod
+    def of(cls, found: RigFit, moment: NDArray[np.intp], u: int) -> _InTime:
+        """Look for the groups of rows that depend on a pose."""
+        has, batches = _views_of(found.graph, u), [part.batch.edges for part in found.rows]
+        groups = tuple(np.flatnonzero(has[edges].any(axis=-1)) for edges in batches)
+        first = np.concatenate([moment[edges[of]].min(axis=-1) for edges, of in zip(batches, groups, strict=True)])
+        numbers = np.split(np.arange(len(first)), np.cumsum([len(of) for of in groups])[:-1])
+        moments = Moments.of(first)
+        return cls(u, groups, tuple(numbers), moments, moments.no_sums(len(found.whole)))
+
+    def columns(self, k: int, rows: Array) -> tuple[Array, Array]:
+        """Columns B (g, d, 6) of the pose and rows (g, d, q + 1) of batch k, whose whitened rows are given."""
+        of = rows[self.groups[k]]
+        return of[..., 6 * self.u : 6 * self.u + 6], of
+
+    def add(self, k: int, rows: Array) -> None:
+        """Add the whitened rows of batch k to the sums."""
+        self.moments.add(self.sums, self.numbers[k], *self.columns(k, rows))
+
+    def path(self, found: RigFit, moment: NDArray[np.intp], names: tuple[Hashable, ...]) -> RigPath | None:
+        """Return the pose from one moment on, the one of the largest chi-square; None of few moments."""
+        step = largest_step(found.whole, self.sums, self.moments)
         if step is None:
-            continue
-        since = int(at[order][step.begin])
-        of = _views_of(graph, u) & (moment >= since)
-        paths.append(
-            RigPath(graph.names[u], None, names[since], step.chi_square, step.dof, step.p, step.change, step.covariance,
-                    int(of.sum()), u, of)
+            return None
+        since = int(self.moments.at[step.begin])
+        of = _views_of(found.graph, self.u) & (moment >= since)
+        return RigPath(
+            found.graph.names[self.u], None, names[since], step.chi_square, step.dof, step.p, step.change,
+            step.covariance, int(of.sum()), self.u, of,
         )  # fmt: skip
-    return paths
 
 
 class _Copied(NamedTuple):
@@ -221,15 +249,17 @@ class _Drift(NamedTuple):
 
 def _drift_of(rig: Rig, found: RigFit, u: int) -> _Drift | None:
     """Return the drift of an unknown pose; None where the views of few moments show it."""
-    graph, white = found.graph, _white(found)
-    moment, _ = moments_of(rig, graph)
-    parts, at = _rows_in_time(found, white, moment, u)
-    if len(np.unique(at)) < 2 * MIN_MOMENTS:
+    moment, _ = moments_of(rig, found.graph)
+    of = _InTime.of(found, moment, u)
+    if len(np.unique(of.moments.at)) < 2 * MIN_MOMENTS:
         return None
+    at = of.moments.in_order_of_rows
     share = (at - at.min()) / np.ptp(at)
-    shares = np.split(share - share.mean(), np.cumsum([len(rows) for _, rows in parts])[:-1])
-    of_drift = [(part[:, None, None] * B, rows) for part, (B, rows) in zip(shares, parts, strict=True)]
-    sums = np.concatenate([sums_of(*one) for one in of_drift]).sum(axis=0)
+    shares = [(share - share.mean())[numbers][:, None, None] for numbers in of.numbers]
+    sums = np.zeros(of.sums.shape[1:])
+    for k, part in enumerate(found.rows):
+        B, rows = of.columns(k, part.white)
+        sums += sums_of(shares[k] * B, rows).sum(axis=0)
     square, dof, d, S = (one[0] for one in differences(found.whole, sums[None]))
     if not dof:
         return None
@@ -237,15 +267,14 @@ def _drift_of(rig: Rig, found: RigFit, u: int) -> _Drift | None:
     K = found.whole @ sums[:, 6:-1].T
     S_dz = -S @ K.T
     whole = np.block([[found.whole - K @ S_dz, S_dz.T], [S_dz, S]])
-    z = -K @ d
-    again = []
-    for (D, rows), (B, _) in zip(of_drift, parts, strict=True):
+    z, left = -K @ d, of.moments.no_sums(len(whole))
+    for k, part in enumerate(found.rows):
+        B, rows = of.columns(k, part.white)
+        D = shares[k] * B
         e = rows[..., -1:] + D @ d[:, None] + rows[..., :-1] @ z[:, None]
-        again.append(sums_of(B, np.concatenate([rows[..., :-1], D, e], axis=-1)))
-    order = np.argsort(at, kind="stable")
-    step = largest_step(whole, np.concatenate(again)[order], at[order])
-    left = 0.0 if step is None else step.chi_square
-    return _Drift(graph.names[u], float(square), int(dof), d, S, left)
+        of.moments.add(left, of.numbers[k], B, np.concatenate([rows[..., :-1], D, e], axis=-1))
+    step = largest_step(whole, left, of.moments)
+    return _Drift(found.graph.names[u], float(square), int(dof), d, S, 0.0 if step is None else step.chi_square)
 
 
 def judged_paths(
@@ -411,7 +440,7 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     rejected = float((1.0 - weight).sum())
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
     limit = largest_by_chance(graph.E + graph.P)
-    remaining = max((one.chi_square for one in _in_time(task.rig, fitted, _white(fitted))), default=0.0)
+    remaining = max((one.chi_square for one in paths_of(task.rig, fitted) if one.by is None), default=0.0)
     return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale, remaining, scale * S)
 
 

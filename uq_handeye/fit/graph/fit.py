@@ -37,7 +37,7 @@ from ...model.rig.description import Rig
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
 from ..likelihood.open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
 from ..one_model.request import Request
-from .graph import Batch, Graph, Sides, noise_of_cameras, noise_of_robots
+from .graph import VIEWS_TOGETHER, Batch, Graph, Index, Sides, noise_of_cameras, noise_of_robots
 from .noise import RigNoise
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
@@ -80,17 +80,73 @@ class Task(NamedTuple):
         return self.request.robust is not False
 
 
+class Place(NamedTuple):
+    """Where rows are linear: unknowns, and poses as they were corrected last."""
+
+    at: Array  # (m, 4, 4)
+    robot: Array  # (P, 4, 4)
+    C: Array  # (E, 4, 4)
+    v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6) that they correct
+    by_own_errors: bool = False  # derivatives are those by the errors themselves, as `gauss_helmert` has them
+
+    def sides(self, graph: Graph, edges: Index | slice = slice(None)) -> Sides:
+        """Residuals of some views, or of all, with their derivatives."""
+        sides = graph.linearise(self.at, self.robot, self.C, edges)
+        if not self.by_own_errors or self.v is None:
+            return sides
+        turn = np.concatenate([left_jacobian(-self.v[0][:, :3]), np.eye(3)[None]])
+        first, second = (_turned(D, turn[side[edges]]) for D, side in zip(sides.robot, graph.side, strict=True))
+        of_cameras = _turned(sides.camera, left_jacobian(-self.v[1][edges, :3]))
+        return sides._replace(robot=(first, second), camera=of_cameras)
+
+
+def _turned(D: Array, J: Array) -> Array:
+    return np.concatenate([D[..., :3] @ J, D[..., 3:]], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class White:
-    """Rows of one batch: their residuals and derivatives, and the whitened rows."""
+    """Rows of one batch: their residuals, and what their derivatives and whitened rows are made of."""
 
+    graph: Graph
+    noise: RigNoise
     batch: Batch
-    L: Array  # (b, d, d) with S = L L^T, weights in it
-    half: Array  # (b, d, d) L^-1
-    D_R: Array  # (b, d, 6q)
-    D_C: Array  # (b, e, 6, 6)
-    A: Array  # (b, d, p + m)
+    sides: Sides  # of the edges of the batch
+    half: Array  # (b, d, d) L^-1 with S = L L^T, weights in it
     residual: Array  # (b, d) rho, and after the fit what is left of it
+
+    @property
+    def L(self) -> Array:
+        """(b, d, d)"""
+        return np.asarray(np.linalg.inv(self.half))
+
+    @property
+    def D_R(self) -> Array:
+        """(b, d, 6q) derivatives by the robot poses."""
+        return self.graph.by_robots(self.batch, self.sides)
+
+    @property
+    def D_C(self) -> Array:
+        """(b, e, 6, 6) derivatives by the camera poses."""
+        return self.sides.camera.reshape(*self.batch.edges.shape, 6, 6)
+
+    @property
+    def J(self) -> Array:
+        """(b, d, p) derivatives by the unknowns."""
+        J = self.graph.by_unknowns(self.sides, self.batch.edges.reshape(-1))
+        return J.reshape(*self.residual.shape, self.graph.p)
+
+    @property
+    def A(self) -> Array:
+        """(b, d, p + m) derivatives by unknowns and shared errors; made anew, since few rows of it are needed twice."""
+        (b, e), q, noise = self.batch.edges.shape, self.batch.robots.shape[1], self.noise
+        p = self.graph.p
+        A = np.empty((b, 6 * e, p + noise.count))
+        A[..., :p] = self.J
+        of_robot, of_camera = (p + np.flatnonzero(of) for of in (noise.of_robot, ~noise.of_robot))
+        A[..., of_robot] = self.D_R @ noise.by_robot[self.batch.robots].reshape(b, 6 * q, len(of_robot))
+        A[..., of_camera] = (self.D_C @ noise.by_camera[self.batch.edges]).reshape(b, 6 * e, len(of_camera))
+        return A
 
     @property
     def white(self) -> Array:
@@ -101,6 +157,17 @@ class White:
     def pull(self) -> Array:
         """``S^-1 residual`` (b, d)."""
         return np.asarray(self.half.mT @ (self.half @ self.residual[..., None]))[..., 0]
+
+    def by_errors(self, robot: Array, camera: Array) -> Array:
+        """(b, d) changes of the residuals by errors of the robot poses (P, 6) and of the camera poses (E, 6)."""
+        (b, e), q = self.batch.edges.shape, self.batch.robots.shape[1]
+        of_camera = (self.D_C @ camera[self.batch.edges][..., None]).reshape(b, 6 * e)
+        return np.asarray(of_camera + (self.D_R @ robot[self.batch.robots].reshape(b, 6 * q, 1))[..., 0])
+
+    def after(self, x: Array, moves: tuple[Array, Array]) -> White:
+        """The rows after a step of the unknowns x (p,) and ``moves`` of the poses by shared errors."""
+        by_x = self.graph.moved(self.sides, x, self.batch.edges.reshape(-1)).reshape(self.residual.shape)
+        return replace(self, residual=self.residual + by_x + self.by_errors(*moves))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +181,7 @@ class RigFit:
     z: Array  # (m,) shared errors
     open: Array  # (k, p) basis of open directions, orthonormal in units of the rig
     lever: float
-    sides: Sides  # where the last step was taken
-    rows: tuple[White, ...]
+    rows: tuple[White, ...]  # where the last step was taken
     edge_weights: Array  # (E,)
     pose_weights: Array  # (P,)
     iterations: int
@@ -173,45 +239,44 @@ def fit(
     """
     w_e = np.ones(graph.E) if edge_weights is None else edge_weights
     w_k = np.ones(graph.P) if pose_weights is None else pose_weights
-    at, robot, C = start, graph.robot, graph.C
+    here = Place(start, graph.robot, graph.C)
     v, clear = (None, MIN_CLEAR_EIGENVALUE) if after is None else (after.v, after.clear)
-    if v is not None:
-        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
-    lever, closed = lever_of(graph, start), False
+    lever, closed, rows = lever_of(graph, start), False, list[White]()
     for done in range(1, MAX_ML_STEPS + 1):
-        sides = graph.linearise(at, robot, C)
-        if v is not None and method == "ml":
-            sides = _by_own_errors(sides, graph, v)
-        rows = [whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
+        if v is not None:
+            here = Place(here.at, perturb(graph.robot, -v[0]), perturb(graph.C, -v[1]), v, method == "ml")
+        rows.clear()
+        rows.extend(whitened(graph, batch, here, noise, w_e, w_k) for batch in graph.batches)
         H, pull = _normal_equations(graph, noise, rows)
-        known = prior_at(graph, at, prior)
+        known = prior_at(graph, here.at, prior)
         H[: graph.p, : graph.p] += known.information
         pull[: graph.p] += known.gradient
-        opened = None if closed else partial(_open, graph, noise, sides, at, known.information, lever)
+        opened = None if closed else partial(_open, graph, noise, here, known.information, lever)
         whole, open_, smallest = _inverse(graph, H, opened, lever, clear)
         closed = not len(open_)
         if closed:
             clear = min(clear, 0.5 * smallest)
         step = -whole @ pull
         x, z = step[: graph.p], step[graph.p :]
-        rows = [_after(part, step) for part in rows]
+        moves = noise.moves(z)
+        for k, part in enumerate(rows):
+            rows[k] = part.after(x, moves)
         moved = float(x @ _information_of(H, graph.p) @ x)
-        at = perturb(at, x.reshape(-1, 6))
+        here = here._replace(at=perturb(here.at, x.reshape(-1, 6)))
         each = np.sqrt(np.maximum(np.diag(whole)[: graph.p], 1e-300))
         still = float((np.abs(x) / each)[np.diag(whole)[: graph.p] > 0].max(initial=0.0))
-        v = _errors(graph, noise, rows, z, w_e, w_k)
-        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
+        v = _errors(graph, noise, rows, moves, w_e, w_k)
         if method == "ml":
-            longest = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (graph.robot, graph.C, at))
+            longest = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (graph.robot, graph.C, here.at))
             last = STEP_ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
             converged = moved < max(STEP_SD**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
         else:
             converged = done >= CLOSED_FORM_STEPS and still < MAX_STEP_SD
         if converged:
             break
-    known = prior_at(graph, at, prior)
+    known = prior_at(graph, here.at, prior)
     found = RigFit(
-        graph, noise, at, whole, z, open_, lever, sides, tuple(rows), w_e, w_k, done, converged, known.square,
+        graph, noise, here.at, whole, z, open_, lever, tuple(rows), w_e, w_k, done, converged, known.square,
         known.rank, clear, v,
     )  # fmt: skip
     if not converged and method == "ml":
@@ -249,32 +314,15 @@ def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k
     return noise.robot[batch.robots] * of_pose[..., None, None], noise.camera[batch.edges] * of_edge[..., None, None]
 
 
-def whitened(
-    graph: Graph, batch: Batch, sides: Sides, noise: RigNoise, w_e: Array, w_k: Array, v: tuple[Array, Array] | None
-) -> White:
-    """Rows of a batch at the unknowns and corrected poses that ``sides`` are of; ``v``: their corrections."""
-    (b, e), q, m = batch.edges.shape, batch.robots.shape[1], noise.count
-    D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
+def whitened(graph: Graph, batch: Batch, place: Place, noise: RigNoise, w_e: Array, w_k: Array) -> White:
+    """Rows of a batch at the unknowns and corrected poses of a place, with the weights of views and robot poses."""
+    sides = place.sides(graph, batch.edges.reshape(-1))
+    (b, e), D_R = batch.edges.shape, graph.by_robots(batch, sides)
     S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
-    S = noise_of_robots(D_R, S_R) + noise_of_cameras(D_C, S_C)
-    L = checked_cholesky(S)
-    A = np.empty((b, 6 * e, graph.p + m))
-    A[..., : graph.p] = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
-    rho = sides.r[batch.edges]
-    if m:
-        K = (D_C @ noise.K_camera[batch.edges]).reshape(b, 6 * e, m)
-        A[..., graph.p :] = K + D_R @ noise.K_robot[batch.robots].reshape(b, 6 * q, m)
-    if v is not None:
-        rho = rho + (D_C @ v[1][batch.edges][..., None])[..., 0]
-    rho = rho.reshape(b, 6 * e)
-    if v is not None:
-        rho = rho + (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
-    half = np.asarray(np.linalg.inv(L), dtype=float)
-    return White(batch, L, half, D_R, D_C, A, rho)
-
-
-def _after(part: White, step: Array) -> White:
-    return replace(part, residual=part.residual + part.A @ step)
+    S = noise_of_robots(D_R, S_R) + noise_of_cameras(sides.camera.reshape(b, e, 6, 6), S_C)
+    half = np.asarray(np.linalg.inv(checked_cholesky(S)), dtype=float)
+    part = White(graph, noise, batch, sides, half, sides.r.reshape(b, 6 * e))
+    return part if place.v is None else replace(part, residual=part.residual + part.by_errors(*place.v))
 
 
 def _normal_equations(graph: Graph, noise: RigNoise, rows: list[White]) -> tuple[Array, Array]:
@@ -345,27 +393,42 @@ def _inverse(
     return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U, 0.0
 
 
-def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, lever: float) -> Array | None:
+def _open(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float) -> Array | None:
     """(k, p) basis of the directions that noise of the measured poses alone would make known, or None.
 
-    ``known`` (p, p): information of the prior.
+    ``known`` (p, p): information of the prior. Where many views are given, those that are evenly spread come first: if
+    these determine all directions, all views do.
     """
-    S = np.zeros((graph.E, 6, 6))
-    for D, side in zip(sides.robot, graph.side, strict=True):
-        has = side < graph.P
-        S[has] += D[has] @ noise.robot[side[has]] @ D[has].mT
-    S += sides.camera @ noise.camera @ sides.camera.mT
-    variances = np.einsum("nii->ni", S).reshape(-1, 2, 3).mean(axis=-1)
-    weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)
-    I_0 = graph.gram(sides, weights)
-    N = np.zeros_like(I_0)
+    if graph.E > 4 * VIEWS_TOGETHER:
+        some = np.concatenate([edges[:: max(1, len(edges) // VIEWS_TOGETHER)] for edges, _ in graph.kinds])
+        if _open_by(graph, noise, here, known, lever, np.sort(some)) is None:
+            return None
+    return _open_by(graph, noise, here, known, lever, np.arange(graph.E))
+
+
+def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float, edges: Index) -> Array | None:
+    """`_open` by some views."""
+    I_0, N = np.zeros((2, graph.p, graph.p))
     roots = factor(noise.robot), factor(noise.camera)
-    for s, poses in enumerate((graph.robot, graph.C)):
-        for a in range(6):
-            # errors of both signs, whose mean change is exact to second order
-            moves = (perturb(poses, sign * roots[s][..., a]) for sign in (1.0, -1.0))
-            one, other = (graph.linearise(at, *((T, None) if s == 0 else (None, T))) for T in moves)
-            N += graph.gram(one.half_less(other), weights)
+    for start in range(0, len(edges), VIEWS_TOGETHER):
+        some = edges[start : start + VIEWS_TOGETHER]
+        sides, side = here.sides(graph, some), [one[some] for one in graph.side]
+        S = sides.camera @ noise.camera[some] @ sides.camera.mT
+        for D, of in zip(sides.robot, side, strict=True):
+            has = of < graph.P
+            S[has] += D[has] @ noise.robot[of[has]] @ D[has].mT
+        variances = np.einsum("nii->ni", S).reshape(-1, 2, 3).mean(axis=-1)
+        weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)
+        part = graph.of_edges(some)
+        used = graph.used_by(some)
+        I_0 += part.gram(sides, weights)
+        measured = ((part.robot, roots[0][used]), (part.C, roots[1][some]))
+        for s, (poses, root) in enumerate(measured):
+            for a in range(6):
+                # errors of both signs, whose mean change is exact to second order
+                moved = (perturb(poses, sign * root[..., a]) for sign in (1.0, -1.0))
+                one, other = (part.linearise(here.at, *((T, None) if s == 0 else (None, T))) for T in moved)
+                N += part.gram(one.half_less(other), weights)
     weak = N + np.diag(FIT_ROUNDING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
     turns = np.arange(graph.p) % 6 < 3
     weak[turns, turns] += 1.0 / (SIGNAL_RATIO * MAX_ROTATION_SD_RAD**2)
@@ -382,9 +445,11 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
     return np.asarray(np.linalg.qr(rig[:, None] * directions)[0].T / rig)
 
 
-def _errors(graph: Graph, noise: RigNoise, rows: list[White], z: Array, w_e: Array, w_k: Array) -> tuple[Array, Array]:
+def _errors(
+    graph: Graph, noise: RigNoise, rows: list[White], moves: tuple[Array, Array], w_e: Array, w_k: Array
+) -> tuple[Array, Array]:
     """Errors v of robot poses (P, 6) and camera poses (E, 6), shared ones in them."""
-    v_R, v_C = -(noise.K_robot @ z), -(noise.K_camera @ z)  # z is their correction, as x that of the poses
+    v_R, v_C = -moves[0], -moves[1]  # z is their correction, as x that of the poses
     for part in rows:
         batch, g = part.batch, part.pull
         S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
@@ -393,14 +458,3 @@ def _errors(graph: Graph, noise: RigNoise, rows: list[White], z: Array, w_e: Arr
         v_R[batch.robots] += (S_R @ by_pose)[..., 0]
         v_C[batch.edges] += (S_C @ (part.D_C.mT @ g.reshape(b, e, 6, 1)))[..., 0]
     return v_R, v_C
-
-
-def _by_own_errors(sides: Sides, graph: Graph, v: tuple[Array, Array]) -> Sides:
-    """Derivatives by the errors v themselves, as `gauss_helmert` has them."""
-    turn = np.concatenate([left_jacobian(-v[0][:, :3]), np.eye(3)[None]])
-
-    def turned(D: Array, J: Array) -> Array:
-        return np.concatenate([D[..., :3] @ J, D[..., 3:]], axis=-1)
-
-    first, second = (turned(D, turn[side]) for D, side in zip(sides.robot, graph.side, strict=True))
-    return sides._replace(robot=(first, second), camera=turned(sides.camera, left_jacobian(-v[1][:, :3])))

@@ -37,7 +37,7 @@ Index = NDArray[np.intp]
 
 
 class Sides(NamedTuple):
-    """Residuals of all edges and their derivatives (E, 6, 6) by each pose of the edge; 0 for poses it does not have."""
+    """Residuals of edges and their derivatives (E, 6, 6) by each pose of the edge; 0 for poses it does not have."""
 
     r: Array  # (E, 6)
     X: Array
@@ -45,6 +45,11 @@ class Sides(NamedTuple):
     base: tuple[Array, Array]  # of the arm of the camera, of that of the target
     robot: tuple[Array, Array]
     camera: Array  # by the camera pose C
+
+    def of(self, edges: Index) -> Sides:
+        """Those of some of the edges."""
+        base, robot = ((one[0][edges], one[1][edges]) for one in (self.base, self.robot))
+        return Sides(self.r[edges], self.X[edges], self.W[edges], base, robot, self.camera[edges])
 
     def half_less(self, other: Sides) -> Sides:
         """Half of the difference of the derivatives by the unknowns from those of another one."""
@@ -129,10 +134,14 @@ class Graph:
         """Number of measured robot poses."""
         return len(self.robot)
 
+    def used_by(self, edges: Index) -> Index:
+        """Numbers of the robot poses that some edges use."""
+        used = np.unique(np.concatenate([side[edges] for side in self.side]))
+        return used[used < self.P]
+
     def of_edges(self, kept: Index) -> Graph:
         """Return the graph of some of the edges, with the robot poses that they use."""
-        used = np.unique(np.concatenate([side[kept] for side in self.side]))
-        used = used[used < self.P]
+        used = self.used_by(kept)
         place = np.full(self.P + 1, len(used), dtype=np.intp)
         place[used] = np.arange(len(used))
         return Graph(
@@ -207,31 +216,47 @@ class Graph:
         L, Q = self.products(at)
         return np.concatenate([logarithm(L[:, :3, :3] @ Q[:, :3, :3].mT), L[:, :3, 3] - Q[:, :3, 3]], axis=-1)
 
-    def linearise(self, at: Array, robot: Array | None = None, C: Array | None = None) -> Sides:
-        """r and its derivatives at the unknowns (m, 4, 4) and the (measured or corrected) poses."""
-        robot, C = self.robot if robot is None else robot, self.C if C is None else C
+    def linearise(
+        self, at: Array, robot: Array | None = None, C: Array | None = None, edges: Index | slice = slice(None)
+    ) -> Sides:
+        """r and its derivatives at the unknowns (m, 4, 4) and the (measured or corrected) poses, of some edges or all.
+
+        Parameters
+        ----------
+        at : (m, 4, 4)
+        robot : (P, 4, 4)
+        C : (E, 4, 4)
+        """
+        robot, C = self.robot if robot is None else robot, (self.C if C is None else C)[edges]
         T, G = np.concatenate([at, np.eye(4)[None]]), np.concatenate([robot, np.eye(4)[None]])
-        B = [T[base] for base in self.base]
-        K = [b @ G[side] for b, side in zip(B, self.side, strict=True)]
-        X, W = at[self.X], at[self.W]
+        bases, sides = ([one[edges] for one in both] for both in (self.base, self.side))
+        B = [T[base] for base in bases]
+        K = [b @ G[side] for b, side in zip(B, sides, strict=True)]
+        X, W = at[self.X[edges]], at[self.W[edges]]
         arm = X[:, :3, :3] @ C[:, :3, 3:]  # R_X t_C
         lever = arm + X[:, :3, 3:]
         R_K = K[0][:, :3, :3]
         turned = R_K @ X[:, :3, :3]
         t_L = R_K @ lever + K[0][:, :3, 3:]
         Q = K[1] @ W
-        r = np.empty((self.E, 6))
+        r = np.empty((len(C), 6))
         r[:, :3] = logarithm(turned @ C[:, :3, :3] @ Q[:, :3, :3].mT)
         r[:, 3:] = (t_L - Q[:, :3, 3:])[..., 0]
         R_Q = K[1][:, :3, :3]
+        nothing = np.broadcast_to(0.0, (len(C), 6, 6))
         by_base, by_robot = [], []
-        for k, (b, base, side) in enumerate(zip(B, self.base, self.side, strict=True)):
+        for k, (b, base, side) in enumerate(zip(B, bases, sides, strict=True)):
             R_B = b[:, :3, :3]
-            within = R_B.mT @ (t_L - b[:, :3, 3:]) - G[side][:, :3, 3:]  # from the flange's origin, in the arm's base
             sign = np.where(side < self.P, -1.0 if k else 1.0, 0.0)[:, None, None]
-            by_robot.append(sign * block(R_B, 0.0, -R_B @ skew(within[..., 0]), R_B))
+            if sign.any():
+                within = R_B.mT @ (t_L - b[:, :3, 3:]) - G[side][:, :3, 3:]  # from the flange's origin, in the base
+                by_robot.append(sign * block(R_B, 0.0, -R_B @ skew(within[..., 0]), R_B))
+            else:
+                by_robot.append(nothing)
             sign = np.where(base < self.m, -1.0 if k else 1.0, 0.0)[:, None, None]
-            by_base.append(sign * block(_EYE, 0.0, -skew((t_L - b[:, :3, 3:])[..., 0]), _EYE))
+            by_base.append(
+                sign * block(_EYE, 0.0, -skew((t_L - b[:, :3, 3:])[..., 0]), _EYE) if sign.any() else nothing
+            )
         return Sides(
             r,
             block(R_K, 0.0, -R_K @ skew(arm[..., 0]), R_K),
@@ -241,15 +266,26 @@ class Graph:
             block(turned, 0.0, 0.0, turned),
         )
 
-    def by_unknowns(self, sides: Sides, edges: Index | None = None) -> Array:
-        """J (..., 6, p) of some edges (...), or of all."""
-        edges = np.arange(self.E) if edges is None else edges
-        flat = edges.reshape(-1)
-        J = np.zeros((len(flat), 6, self.m + 1, 6))
-        edge = np.arange(len(flat))
-        for number, D in ((self.X, sides.X), (self.W, sides.W), *zip(self.base, sides.base, strict=True)):
-            J[edge, :, number[flat]] += D[flat]
-        return J[:, :, :-1].reshape(*edges.shape, 6, self.p)
+    def _by_number(self, sides: Sides, edges: Index | slice) -> list[tuple[Index, Array]]:
+        """Number of the unknown and derivative by it, of camera, target and the bases that some edges have."""
+        listed = [(self.X, sides.X), (self.W, sides.W), *zip(self.base, sides.base, strict=True)]
+        return [(number[edges], D) for number, D in listed if not _is_nothing(D)]
+
+    def by_unknowns(self, sides: Sides, edges: Index | slice = slice(None)) -> Array:
+        """J (n, 6, p) of some edges, whose derivatives ``sides`` are, or of all."""
+        n = len(sides.r)
+        J, edge = np.zeros((n, 6, self.m + 1, 6)), np.arange(n)
+        for number, D in self._by_number(sides, edges):
+            J[edge, :, number] += D
+        return J[:, :, :-1].reshape(n, 6, self.p)
+
+    def moved(self, sides: Sides, x: Array, edges: Index | slice = slice(None)) -> Array:
+        """(n, 6) of ``J x``, without forming J."""
+        steps = np.append(x, np.zeros(6)).reshape(-1, 6, 1)
+        found = np.zeros_like(sides.r)
+        for number, D in self._by_number(sides, edges):
+            found += (D @ steps[number])[..., 0]
+        return found
 
     @cached_property
     def kinds(self) -> tuple[tuple[Index, Index], ...]:
@@ -272,13 +308,19 @@ class Graph:
         return whole[:-1, :-1].transpose(0, 2, 1, 3).reshape(self.p, self.p)
 
     def by_robots(self, batch: Batch, sides: Sides) -> Array:
-        """(b, 6e, 6q) derivatives of the rows of each group by its robot poses."""
+        """(b, 6e, 6q) derivatives of the rows of each group by its robot poses; ``sides`` of the edges of the batch."""
         (b, e), q = batch.edges.shape, batch.robots.shape[1]
         D = np.zeros((b, e, 6, q + 1, 6))
         group, place = np.arange(b)[:, None], np.arange(e)[None]
         for local, by_robot in zip(batch.local, sides.robot, strict=True):
-            D[group, place, :, local] += by_robot[batch.edges]
+            if not _is_nothing(by_robot):
+                D[group, place, :, local] += by_robot.reshape(b, e, 6, 6)
         return D[..., :q, :].reshape(b, 6 * e, 6 * q)
+
+
+def _is_nothing(D: Array) -> bool:
+    """Whether derivatives are one zero for all edges, which has no memory of its own."""
+    return D.strides == (0, 0, 0)
 
 
 def _in_parts(batch: Batch) -> list[Batch]:

@@ -24,57 +24,81 @@ from .graph import Graph
 
 @dataclass(frozen=True, eq=False)
 class RigNoise(ReadOnlyArrays):
-    """Covariances of the measured poses of a `Graph`; see its indices.
+    """Covariances of the measured poses of a `Graph`, and the effects of m errors that poses share; see its indices.
 
-    ``K_robot`` and ``K_camera``: effects of m errors that poses share, each with the standard deviation 1.
+    Each shared error has the standard deviation 1 and moves the poses of one side.
     """
 
     robot: Array  # (P, 6, 6)
     camera: Array  # (E, 6, 6)
-    K_robot: Array  # (P, 6, m)
-    K_camera: Array  # (E, 6, m)
+    by_robot: Array  # (P, 6, m_r) effects of the errors of the robot side
+    by_camera: Array  # (E, 6, m_c)
+    of_robot: NDArray[np.bool_]  # (m,) whether an error is one of the robot side
     keys: tuple[ErrorKey, ...] = ()  # of the m
 
     @classmethod
     def of_own(cls, robot: Array, camera: Array) -> RigNoise:
         """Build noise that no two poses share."""
-        return cls(robot, camera, np.zeros((len(robot), 6, 0)), np.zeros((len(camera), 6, 0)))
+        none = np.zeros(0, dtype=bool)
+        return cls(robot, camera, np.zeros((len(robot), 6, 0)), np.zeros((len(camera), 6, 0)), none)
 
     @property
     def count(self) -> int:
         """Number of shared errors m."""
-        return int(self.K_camera.shape[-1])
+        return len(self.of_robot)
+
+    @property
+    def K_robot(self) -> Array:
+        """(P, 6, m) effects of all errors on the robot poses."""
+        K = np.zeros((*self.by_robot.shape[:2], self.count))
+        K[..., self.of_robot] = self.by_robot
+        return K
+
+    @property
+    def K_camera(self) -> Array:
+        """(E, 6, m) effects of all errors on the camera poses."""
+        K = np.zeros((*self.by_camera.shape[:2], self.count))
+        K[..., ~self.of_robot] = self.by_camera
+        return K
+
+    def moves(self, z: Array) -> tuple[Array, Array]:
+        """Moves of the robot poses (P, 6) and the camera poses (E, 6) by errors z (m,)."""
+        parts = ((self.by_robot, z[self.of_robot]), (self.by_camera, z[~self.of_robot]))
+        robot, camera = ((K.reshape(6 * len(K), len(of)) @ of).reshape(len(K), 6) for K, of in parts)
+        return robot, camera
 
     def with_blocks(self, terms: Iterable[ErrorTerm]) -> RigNoise:
         """Return the noise with what error terms add to each pose by itself, at the medians of their sizes."""
         own = {"robot": self.robot.copy(), "camera": self.camera.copy()}
         for term in terms:
             if term.block is not None:
-                own[term.side] += term.size.median**2 * term.block @ term.block.mT
+                own[term.side] += term.size.median**2 * (term.block @ term.block.mT)
         return replace(self, robot=own["robot"], camera=own["camera"])
 
     def with_columns(self, terms: Iterable[ErrorTerm]) -> RigNoise:
         """Return the noise with the columns of further error terms, at the medians of their sizes."""
-        K, keys = {"robot": [self.K_robot], "camera": [self.K_camera]}, list(self.keys)
-        for term in terms:
-            if term.columns is None:
-                continue
-            for side, columns in K.items():
-                of_side = side == term.side
-                columns.append(
-                    term.size.median * term.columns if of_side else np.zeros((len(columns[0]), 6, term.count))
-                )
-            keys += term.keys
-        robot, camera = (np.concatenate(columns, axis=-1) for columns in K.values())
-        return replace(self, K_robot=robot, K_camera=camera, keys=tuple(keys))
+        shared = [term for term in terms if term.columns is not None]
+        by = {"robot": self.by_robot, "camera": self.by_camera}
+        for side, K in by.items():
+            of_side = [term for term in shared if term.side == side]
+            sizes = [np.ones(K.shape[-1]), *(np.full(term.count, term.size.median) for term in of_side)]
+            by[side] = np.concatenate([K, *(term.columns for term in of_side if term.columns is not None)], axis=-1)
+            by[side] *= np.concatenate(sizes)
+        of_robot = np.concatenate([self.of_robot, *(np.full(term.count, term.side == "robot") for term in shared)])
+        keys = (*self.keys, *(key for term in shared for key in term.keys))
+        return replace(self, by_robot=by["robot"], by_camera=by["camera"], of_robot=of_robot, keys=keys)
 
     def in_order(self, keys: tuple[ErrorKey, ...]) -> RigNoise:
         """Return the noise with columns for ``keys``, which contain all its own; 0 for those that it does not have."""
         place = {key: k for k, key in enumerate(keys)}
-        at = [place[key] for key in self.keys]
-        robot, camera = (np.zeros((*K.shape[:2], len(keys))) for K in (self.K_robot, self.K_camera))
-        robot[..., at], camera[..., at] = self.K_robot, self.K_camera
-        return replace(self, K_robot=robot, K_camera=camera, keys=keys)
+        at = np.array([place[key] for key in self.keys], dtype=np.intp)
+        of_robot = np.zeros(len(keys), dtype=bool)
+        of_robot[at] = self.of_robot
+        robot, camera = (np.zeros((*K.shape[:2], len(keys))) for K in (self.by_robot, self.by_camera))
+        robot[..., at[self.of_robot]], camera[..., at[~self.of_robot]] = self.by_robot, self.by_camera
+        return replace(
+            self, by_robot=robot[..., of_robot], by_camera=camera[..., ~of_robot], of_robot=of_robot, keys=keys
+        )
 
 
 def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:

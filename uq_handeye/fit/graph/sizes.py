@@ -380,12 +380,12 @@ def _rows_of(part: ErrorTerm, edges: NDArray[np.intp], poses: NDArray[np.intp]) 
 
 def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, prior: Prior | None) -> LatentModel:
     """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order."""
-    sides = graph.linearise(at)
     given, some = given_covariances(rig, graph)
     groups = []
     for batch in graph.batches:
         (b, e), q = batch.edges.shape, batch.robots.shape[1]
-        D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
+        sides = graph.linearise(at, edges=(edges := batch.edges.reshape(-1)))
+        D_R, D_C = graph.by_robots(batch, sides), sides.camera.reshape(b, e, 6, 6)
         blocks, shared = {}, [np.zeros((b, 6 * e, 0))]
         for k, part in enumerate(parts):
             of_robot = part.side == "robot"
@@ -399,8 +399,8 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, pr
                 S = part.block @ part.block.mT
                 blocks[k] = noise_of_robots(D_R, S[batch.robots]) if of_robot else noise_of_cameras(D_C, S[batch.edges])
         known = noise_of_cameras(D_C, given[batch.edges]) if some.any() else None
-        J = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
-        groups.append(Rows(J, sides.r[batch.edges].reshape(b, -1), np.concatenate(shared, axis=-1), blocks, known))
+        J = graph.by_unknowns(sides, edges).reshape(b, 6 * e, graph.p)
+        groups.append(Rows(J, sides.r.reshape(b, -1), np.concatenate(shared, axis=-1), blocks, known))
     known_poses = None
     if prior:
         of = prior_at(graph, at, prior)

@@ -35,7 +35,7 @@ from ...errors import DegenerateMotionError, InputError
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.constraint import OnPoses
 from ..likelihood.starts import sound_start
-from .graph import Graph
+from .graph import VIEWS_TOGETHER, Graph
 
 # The linear problem determines the rotations where its second eigenvalue, relative to the mean, is above this.
 MIN_ROTATION_GAP = 1e-4
@@ -151,16 +151,19 @@ def _solved(graph: Graph, seed: int) -> Array:
 
 def _linear(graph: Graph) -> Array | None:
     """(m, 3, 3) rotations by the smallest eigenvector; None where the second is as small."""
-    G = np.concatenate([graph.robot, np.eye(4)[None]])
-    left, right = (G[side][:, :3, :3] for side in graph.side)
-    by_X = np.einsum("eij,elk->eikjl", left, graph.C[:, :3, :3]).reshape(-1, 9, 9)
-    by_W = -np.einsum("eij,kl->eikjl", right, np.eye(3)).reshape(-1, 9, 9)
+    G = np.concatenate([graph.robot, np.eye(4)[None]])[:, :3, :3]
     M = np.zeros((graph.m, graph.m, 9, 9))
     count = np.bincount(np.concatenate([graph.X, graph.W]), minlength=graph.m)
-    for (one, A), (two, B) in (
-        (a, b) for a in ((graph.X, by_X), (graph.W, by_W)) for b in ((graph.X, by_X), (graph.W, by_W))
-    ):
-        np.add.at(M, (one, two), A.mT @ B)
+    for edges, numbers in graph.kinds:
+        pair, both = numbers[:2], np.zeros((18, 18))
+        for start in range(0, len(edges), VIEWS_TOGETHER):
+            some = edges[start : start + VIEWS_TOGETHER]
+            left, right = (G[side[some]] for side in graph.side)
+            by_X = left[:, :, None, :, None] * graph.C[some, :3, :3].mT[:, None, :, None, :]
+            by_W = -(right[:, :, None, :, None] * np.eye(3)[:, None, :])
+            rows = np.concatenate([by.reshape(-1, 9) for by in (by_X, by_W)], axis=-1)
+            both += rows.T @ rows
+        M[pair[:, None], pair] += both.reshape(2, 9, 2, 9).swapaxes(1, 2)
     whole = M.swapaxes(1, 2).reshape(9 * graph.m, -1)
     scale = np.repeat(1.0 / np.sqrt(np.maximum(count, 1)), 9)  # each unknown counts alike, however often it is seen
     values, vectors = eigh(whole * np.outer(scale, scale), subset_by_index=[0, 1])

@@ -8,7 +8,8 @@ difference d between the copy and the pose has
 
 Sums over rows give all moments at once. Directions of d that the other rows do not determine (share of M in B^T B below
 `MIN_INFORMATION_SHARE`) do not count: 6 minus their number. Of all moments the one with the largest chi-square is kept;
-its p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that is less).
+its p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that is less). Of
+more than `MAX_MOMENTS` moments as many, evenly spread, are tried.
 Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
 """
 
@@ -33,6 +34,8 @@ MIN_INFORMATION_SHARE = 1e-5
 MIN_MOMENTS = 3
 # Moments in a row of which most views are rejected that make a run.
 MIN_RUN = 5
+# A step is looked for at as many moments at most.
+MAX_MOMENTS = 1000
 # Probability of a false finding in one data set: it is one of about ten tests.
 FALSE_FINDING = DOUBTFUL.probability / 10
 
@@ -48,9 +51,42 @@ class Step(NamedTuple):
     covariance: Array  # (6, 6) of the change
 
 
+class Moments(NamedTuple):
+    """Groups of rows in order of time, in as many bins as there are moments to try."""
+
+    at: NDArray[np.intp]  # (g,) moment of each group, in order of time
+    in_order_of_rows: NDArray[np.intp]  # (g,) the same
+    first: NDArray[np.intp]  # (bins,) number of the first group of each bin
+    of_group: NDArray[np.intp]  # (g,) bin of each group, in the order of the rows
+
+    @classmethod
+    def of(cls, moment: NDArray[np.intp], most: int = MAX_MOMENTS) -> Moments:
+        """Put groups of rows at these moments into bins; no moment is in two."""
+        order = np.argsort(moment, kind="stable")
+        at = moment[order]
+        first = np.flatnonzero(np.diff(at, prepend=at[0] - 1)) if len(at) else np.zeros(0, dtype=np.intp)
+        if len(first) > most:
+            first = first[np.unique(np.linspace(0, len(first) - 1, most).round().astype(np.intp))]
+        of_group = np.empty(len(at), dtype=np.intp)
+        of_group[order] = np.searchsorted(first, np.arange(len(at)), side="right") - 1
+        return cls(at, moment, first, of_group)
+
+    def no_sums(self, q: int) -> Array:
+        """(bins, 6, 6 + q + 1) zeros, to which `add` adds; q unknowns and shared errors."""
+        return np.zeros((len(self.first), 6, 6 + q + 1))
+
+    def add(self, sums: Array, groups: NDArray[np.intp], B: Array, rows: Array) -> None:
+        """Add ``B^T [B, A, e]`` of groups of rows: B (g, d, 6), rows [A, e] (g, d, q + 1), by their numbers (g,)."""
+        bins = self.of_group[groups]
+        order = np.argsort(bins, kind="stable")
+        starts = np.flatnonzero(np.diff(bins[order], prepend=-1))
+        if len(starts):
+            sums[bins[order][starts]] += np.add.reduceat(sums_of(B, rows)[order], starts)
+
+
 def sums_of(B: Array, rows: Array) -> Array:
     """(g, 6, 6 + q + 1) ``B^T [B, A, e]`` of groups of rows: B (g, d, 6), rows [A, e] (g, d, q + 1)."""
-    return np.asarray(B.mT @ np.concatenate([B, rows], axis=-1))
+    return np.concatenate([B.mT @ B, B.mT @ rows], axis=-1)
 
 
 def differences(inverse: Array, sums: Array) -> tuple[Array, NDArray[np.intp], Array, Array]:
@@ -69,27 +105,27 @@ def differences(inverse: Array, sums: Array) -> tuple[Array, NDArray[np.intp], A
     return (scale * along**2).sum(axis=-1), resolved.sum(axis=-1), d, (D * scale[..., None, :]) @ D.mT
 
 
-def largest_step(inverse: Array, sums: Array, at: NDArray[np.intp]) -> Step | None:
+def largest_step(inverse: Array, sums: Array, moments: Moments) -> Step | None:
     """Return the step of the largest chi-square; None where too few moments are on either side.
 
     Parameters
     ----------
     inverse : (q, q)
         H^-1.
-    sums : (g, 6, 6 + q + 1)
-        Of groups of rows in order of time (`sums_of`).
-    at : (g,)
-        Moment of each group; no step is within one moment.
+    sums : (bins, 6, 6 + q + 1)
+        Of the rows in each bin.
+    moments : Moments
+        No step is within one bin.
     """
-    begins = np.flatnonzero(np.diff(at)) + 1
-    begins = begins[(begins >= MIN_MOMENTS) & (begins <= len(at) - MIN_MOMENTS)]
-    if not len(begins):
+    count = len(moments.at)
+    tried = np.flatnonzero((moments.first >= MIN_MOMENTS) & (moments.first <= count - MIN_MOMENTS))
+    if not len(tried):
         return None
-    after = np.cumsum(sums[::-1], axis=0)[::-1]  # from each group on
-    square, dof, d, S = differences(inverse, after[begins])
+    after = np.cumsum(sums[::-1], axis=0)[::-1]  # from each bin on
+    square, dof, d, S = differences(inverse, after[tried])
     square = np.where(dof == dof.max(), square, 0.0)
-    best = int(np.argmax(square))
-    p = _largest_by_chance(float(square[best]), int(dof[best]), begins / len(at))
+    best, begins = int(np.argmax(square)), moments.first[tried]
+    p = _largest_by_chance(float(square[best]), int(dof[best]), begins / count)
     return Step(int(begins[best]), float(square[best]), int(dof[best]), p, d[best], S[best])
 
 
@@ -120,6 +156,8 @@ def steps_of(fit: Fit, order: NDArray[np.intp]) -> list[Step]:
         H[:12, :12] += fit.prior.normal_equations(fit.X, fit.W)[0]
     F = A[:, 12:]
     white[..., -1] -= (F @ np.linalg.solve(H[12:, 12:], F.T @ e)).reshape(n, 6)  # shared errors as they are estimated
-    inverse, at = np.linalg.inv(H), np.arange(n)
-    found = (largest_step(inverse, sums_of(white[..., of], white), at) for of in (slice(0, 6), slice(6, 12)))
+    inverse, moments, found = np.linalg.inv(H), Moments.of(np.arange(n)), []
+    for of in (slice(0, 6), slice(6, 12)):
+        moments.add(sums := moments.no_sums(A.shape[-1]), np.arange(n), white[..., of], white)
+        found.append(largest_step(inverse, sums, moments))
     return [step for step in found if step is not None]

@@ -53,6 +53,8 @@ from ..likelihood.constraint import MIN_RESOLVED_SHARE, Linearised
 # Added to the diagonal of H scaled to ones, which rounding may otherwise leave not positive definite. Results
 # depend on it where the data hardly determine X: 4e-15 more changes covariances of real data by up to 1e-6.
 RIDGE_OF_INFORMATION = 1e-14
+# Rows of one view: groups of a single view are whitened by one loop for all of them.
+ROWS_OF_A_VIEW = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +120,7 @@ class _Prepared(NamedTuple):
     """`Rows` with the groups along the last axis, for which one loop serves all of them."""
 
     columns: Array  # (p + m + 1, d, n) [J, D K, r]
+    by_group: Array  # (n, d, p + m + 1), the same
     numbers: NDArray[np.intp]  # (b,) of the components of the blocks
     blocks: Array  # (b, d, d, n)
     known: Array | float  # (d, d, n)
@@ -128,7 +131,7 @@ class _Prepared(NamedTuple):
         blocks = np.array([*rows.blocks.values()]).reshape(-1, *rows.r.shape, rows.r.shape[-1])
         known = 0.0 if rows.known is None else np.ascontiguousarray(rows.known.transpose(1, 2, 0))
         return cls(
-            np.ascontiguousarray(columns.transpose(2, 1, 0)), np.array([*rows.blocks], dtype=np.intp),
+            np.ascontiguousarray(columns.transpose(2, 1, 0)), columns, np.array([*rows.blocks], dtype=np.intp),
             np.ascontiguousarray(blocks.transpose(0, 2, 3, 1)), known,
         )  # fmt: skip
 
@@ -141,9 +144,9 @@ class _Prepared(NamedTuple):
             parts = (s[:, self.numbers] ** 2) @ self.blocks.reshape(len(self.numbers), -1)
             V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
         white = np.empty((len(s), q, d, n))
-        if n < d:  # few large groups: LAPACK and BLAS group by group
-            L_inv = np.linalg.inv(checked_cholesky(V.transpose(2, 3, 0, 1)))
-            white[:] = (L_inv @ self.columns.transpose(2, 1, 0)).transpose(0, 3, 2, 1)
+        if d > ROWS_OF_A_VIEW:  # larger groups: LAPACK and BLAS group by group
+            L_inv = np.linalg.inv(checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1))))
+            white[:] = (L_inv @ self.by_group).transpose(0, 3, 2, 1)
             half = np.asarray(L_inv, dtype=float).transpose(2, 3, 0, 1)
             return half, white.reshape(len(s), q, -1), -np.log(np.einsum("iitn->tin", half)).sum(axis=(1, 2))
         half = inverse_factor(V)
