@@ -399,8 +399,8 @@ def _open(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float
     ``known`` (p, p): information of the prior. Where many views are given, those that are evenly spread come first: if
     these determine all directions, all views do.
     """
-    if graph.E > 4 * VIEWS_TOGETHER:
-        some = np.concatenate([edges[:: max(1, len(edges) // VIEWS_TOGETHER)] for edges, _ in graph.kinds])
+    if graph.E > 2 * VIEWS_TOGETHER:
+        some = np.concatenate([edges[:: graph.E // VIEWS_TOGETHER] for edges, _ in graph.kinds])
         if _open_by(graph, noise, here, known, lever, np.sort(some)) is None:
             return None
     return _open_by(graph, noise, here, known, lever, np.arange(graph.E))
