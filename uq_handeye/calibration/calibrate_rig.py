@@ -19,7 +19,7 @@ from ..fit.diagnostics.optimality import Optimality, better_start, prove
 from ..fit.diagnostics.paths import judged_paths, named_error
 from ..fit.diagnostics.prior_check import prior_findings
 from ..fit.empirical_covariance.sandwich import Influence
-from ..fit.graph.fit import RigFit, Shared, Task, fit, onto_closed, prior_at, rig_units
+from ..fit.graph.fit import RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
 from ..fit.graph.noise import RigNoise, given_key, given_noise
 from ..fit.graph.sizes import SHARED, Found, components_of, find_sizes, width_of_targets
 from ..fit.graph.start import agreeing, start_of
@@ -49,7 +49,7 @@ METHODS = ("efficient", "ml")
 OPTIONS = ("method", "robust", "seed", "covariance", "sizes", "prior", "correlation")
 # Memory for one number of the rows of a rig, by its peak with 2 cameras and 10,000 poses, and with 8 and 1,000; and
 # numbers of shared errors that are assumed of an arm and of each camera.
-BYTES_PER_NUMBER, ERRORS_OF_ARM, ERRORS_OF_CAMERA = 80, 50, 4
+BYTES_PER_NUMBER, ERRORS_OF_ARM, ERRORS_OF_CAMERA = 22, 50, 4
 
 
 def calibrate_rig(
@@ -168,8 +168,8 @@ def _at_global_minimum(
     return one, replace(optimality, rejected=rejected)
 
 
-def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | RigFit) -> tuple[RigFit, Distances]:
-    """Fit, with robust weights on request, which start with the views ``kept`` or as in a fit.
+def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | Weights) -> tuple[RigFit, Distances]:
+    """Fit, with robust weights on request, which start with the views ``kept`` or with those of a fit.
 
     Its errors name the pose that moved, if one explains them.
     """
@@ -194,22 +194,31 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
             "the noise."
         )
     at, count, theta = start, kept if task.robust else np.ones(graph.E, dtype=bool), None
-    begin: NDArray[np.bool_] | RigFit = count
+    begin: NDArray[np.bool_] | Weights = count
     parts = components_of(task.rig, graph, task.shared, width=width, request=task.request)
     for done in range(6):
-        sizes = find_sizes(task, parts, at, count, width, theta, whole=False)
-        begin = found = _fitted(task, sizes.noise, at, begin)[0].without_rows
+        theta, at, begin = _in_turn(task, find_sizes(task, parts, at, count, width, theta, whole=False), at, begin)
         # a view at the edge must not come and go: from the third round on none comes back
-        at, theta, again = found.at, sizes.theta, (found.view_weights > 0.5) & (count | (done < 2))
+        again = (begin.of_views(graph) > 0.5) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)
         settled = int((again != count).sum()) <= MAX_FLICKERING_SHARE * graph.E and width == before
         count = again
         if width != before:
+            del parts
             parts = components_of(task.rig, graph, task.shared, width=width, request=task.request)
         if settled:
             break
     sizes = find_sizes(task, parts, at, count, width, theta)
+    del parts
     return _estimated(*_fitted(task, sizes.noise, at, begin), sizes)
+
+
+def _in_turn(
+    task: Task, sizes: Found, at: Array, begin: NDArray[np.bool_] | Weights
+) -> tuple[Array | None, Array, Weights]:
+    """Sizes to go on from, unknowns and weights by the noise of these sizes; the rows of the fit are not kept."""
+    found = _fitted(task, sizes.noise, at, begin)[0]
+    return sizes.theta, found.at, found.weights
 
 
 def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:

@@ -86,7 +86,7 @@ def _judged(
 ) -> list[Finding]:
     """Return what did not stand still in poses, by their rig with this noise; ``remaining`` as in `judged_paths`."""
     from ..fit.diagnostics.paths import MAX_REMAINING_SHARE, judged_paths
-    from ..fit.graph.fit import Task, fit
+    from ..fit.graph.fit import Task, Weights, fit
     from ..fit.graph.graph import Graph
     from ..model.rig.single import rig_of_poses
 
@@ -95,7 +95,7 @@ def _judged(
     parts = [] if of.prior is None else of.prior.parts()
     prior = {start // 6: (mean, information) for _, start, mean, information in parts}
     assert of.W is not None
-    found = fit(graph, noise, np.stack([of.X, of.W]), "efficient", weights, prior=prior)
+    found = fit(graph, noise, np.stack([of.X, of.W]), "efficient", Weights(weights, np.ones(graph.P)), prior)
     task = Task(rig, graph, prior, Request(), True)
     findings = judged_paths(task, found, MAX_REMAINING_SHARE if remaining is None else remaining)[1]
     return [one for one in findings if one.code in (MOVED, DRIFTS)]

@@ -36,7 +36,7 @@ from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, logarithm
 from ...model.rig.description import Rig
-from ..graph.fit import Prior, RigFit, fit
+from ..graph.fit import Prior, RigFit, Weights, fit
 from ..graph.graph import VIEWS_TOGETHER, Graph
 
 # A minimum is proven global where the relative gap to its lower bound is below this.
@@ -109,7 +109,7 @@ def prove(rig: Rig, found: RigFit, prior: Prior | None = None) -> tuple[Optimali
         ), None  # fmt: skip
     far = _distance(found, at, problem.others)
     if far > MAX_APART_SD:  # equal weights represent different noise badly: is the minimum reached from there?
-        again = fit(found.graph, found.noise, at, "efficient", found.edge_weights, found.pose_weights, prior)
+        again = fit(found.graph, found.noise, at, "efficient", Weights(found.edge_weights, found.pose_weights), prior)
         if (apart := _distance(found, again.at, problem.others)) > MAX_SAME_DISTANCE_SD:
             return Optimality(
                 False, gap, far, reason=f"The estimate is {far:.2g} standard deviations from the global minimum of the "

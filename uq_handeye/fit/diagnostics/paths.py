@@ -46,7 +46,7 @@ from ...errors import InputError, NotConvergedError
 from ...findings import Finding
 from ...model.rig.description import Rig
 from ...model.rig.sentences import path_words
-from ..graph.fit import RigFit, Task, White, fit
+from ..graph.fit import RigFit, Task, Weights, White, fit
 from ..graph.graph import Graph
 from ..graph.noise import RigNoise
 from ..graph.weights import fit_robustly
@@ -393,7 +393,7 @@ def _with_runs(task: Task, found: RigFit) -> RigFit:
     for side in graph.side:
         spared[side[again]] = True
     w_k = np.where(spared[:-1], 1.0, found.pose_weights)
-    return fit(graph, found.noise, found.at, "efficient", w_e, w_k, task.prior)
+    return fit(graph, found.noise, found.at, "efficient", Weights(w_e, w_k), task.prior)
 
 
 def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

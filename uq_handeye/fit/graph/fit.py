@@ -170,6 +170,21 @@ class White:
         return replace(self, residual=self.residual + by_x + self.by_errors(*moves))
 
 
+class Weights(NamedTuple):
+    """Robust weights, and what a fit with them leaves for the next one."""
+
+    edges: Array  # (E,)
+    poses: Array  # (P,)
+    v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
+    clear: float = MIN_CLEAR_EIGENVALUE  # scaled eigenvalue of the information above which nothing is open
+
+    def of_views(self, graph: Graph) -> Array:
+        """(E,) weights of the views, or of their robot poses where these are smaller."""
+        of_poses = np.append(self.poses, 1.0)
+        left, right = graph.side
+        return np.asarray(np.minimum(self.edges, np.minimum(of_poses[left], of_poses[right])))
+
+
 @dataclass(frozen=True, eq=False)
 class RigFit:
     """Estimate of all poses, with the quantities that tests and weights need."""
@@ -194,9 +209,9 @@ class RigFit:
     v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
 
     @property
-    def without_rows(self) -> RigFit:
-        """The fit to go on from: without its rows, most of its memory."""
-        return replace(self, rows=())
+    def weights(self) -> Weights:
+        """What another fit near by goes on from."""
+        return Weights(self.edge_weights, self.pose_weights, self.v, self.clear)
 
     @property
     def covariance(self) -> Array:
@@ -206,9 +221,7 @@ class RigFit:
     @property
     def view_weights(self) -> Array:
         """(E,) weights of the views, or of their robot poses where these are smaller."""
-        of_poses = np.append(self.pose_weights, 1.0)
-        left, right = self.graph.side
-        return np.asarray(np.minimum(self.edge_weights, np.minimum(of_poses[left], of_poses[right])))
+        return self.weights.of_views(self.graph)
 
     @cached_property
     def chi_square(self) -> float:
@@ -228,19 +241,16 @@ def fit(
     noise: RigNoise,
     start: Array,
     method: str = "efficient",
-    edge_weights: Array | None = None,
-    pose_weights: Array | None = None,
+    weights: Weights | None = None,
     prior: Prior | None = None,
-    after: RigFit | None = None,
 ) -> RigFit:
-    """Estimate all poses from ``start`` (m, 4, 4); ``after``: a fit near by to go on from, with other weights.
+    """Estimate all poses from ``start`` (m, 4, 4), with robust weights and the errors of a fit near by, if they have any.
 
     Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
     """
-    w_e = np.ones(graph.E) if edge_weights is None else edge_weights
-    w_k = np.ones(graph.P) if pose_weights is None else pose_weights
+    weights = Weights(np.ones(graph.E), np.ones(graph.P)) if weights is None else weights
+    w_e, w_k, v, clear = weights
     here = Place(start, graph.robot, graph.C)
-    v, clear = (None, MIN_CLEAR_EIGENVALUE) if after is None else (after.v, after.clear)
     lever, closed, rows = lever_of(graph, start), False, list[White]()
     for done in range(1, MAX_ML_STEPS + 1):
         if v is not None:

@@ -192,7 +192,7 @@ def _seen(names: Iterable[str], rows: Callable[[str], Owned]) -> dict[str, Owned
 
 def _of(of: NDArray[np.bool_], B: Array) -> Array:
     """(n, 6, b) blocks of the rows of an owner."""
-    return np.asarray(of[:, None, None] * B)
+    return np.broadcast_to(B, (len(of), *B.shape[-2:])) if of.all() else np.asarray(of[:, None, None] * B)
 
 
 def _shared(
@@ -203,8 +203,12 @@ def _shared(
     unit, poses = float(error.sd[0]), _alone(graph, of[0], error.side)
     if arm is not None and {*map(type, arm.names)} == {float}:
         poses = replace(poses, timestamps=np.array(arm.names, dtype=float)[graph.pose[of[0]]])
-    columns, block = np.zeros((len(of[0]), 6, len(error.sd))), None
-    columns[of[0]] = error.at(poses) * (error.sd / unit)
+    columns, scale, block = error.at(poses), error.sd / unit, None
+    if (scale != 1.0).any():
+        columns = columns * scale
+    if not of[0].all():
+        of_owner, columns = columns, np.zeros((len(of[0]), 6, len(error.sd)))
+        columns[of[0]] = of_owner
     if error.left is not None and len(error.left) == poses.n:
         values, vectors = np.linalg.eigh(error.left)
         block = np.zeros((len(of[0]), 6, 6))

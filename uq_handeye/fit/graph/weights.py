@@ -24,7 +24,7 @@ from ...errors import InputError, NotConvergedError
 from ...model.noise.models import factor
 from ...model.noise.square_roots import LEAST_WEIGHT
 from ..likelihood.robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights, scale_guard
-from .fit import MIN_POSE_WEIGHT, Prior, RigFit, fit
+from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Weights, fit
 from .graph import Graph
 from .noise import RigNoise
 
@@ -86,42 +86,42 @@ def fit_robustly(
     start: Array,
     method: str = "efficient",
     prior: Prior | None = None,
-    begin: NDArray[np.bool_] | RigFit | None = None,
+    begin: NDArray[np.bool_] | Weights | None = None,
 ) -> tuple[RigFit, Distances]:
     """Fit with weights of the views and of the robot poses; all are 1 where the largest distance is not unusual.
 
-    ``begin`` (E,): the edges that count at first, or a fit whose weights are those to begin with. Raises `InputError`
-    where less than half of the views agree.
+    ``begin`` (E,): the edges that count at first, or the weights to begin with. Raises `InputError` where less than
+    half of the views agree.
     """
     limit = largest_by_chance(graph.E + graph.P)
-    found: RigFit | None = None
-    if isinstance(begin, RigFit):
-        w_e, w_k, found = begin.edge_weights, begin.pose_weights, begin.without_rows
-    else:
-        w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
-    if w_e.all() and w_k.all():
-        found = fit(graph, noise, start, method, prior=prior, after=found)
+    weights = (
+        begin if isinstance(begin, Weights) else _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
+    )
+    if weights.edges.all() and weights.poses.all():
+        found = fit(graph, noise, start, method, weights, prior)
         far = distances(found)
         if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit:
             return found, far
+        weights = found.weights
+        del found, far
     at, cleared = start, np.zeros(graph.P, dtype=bool)
     for k in range(40):
-        found = None if found is None else found.without_rows
-        found = fit(graph, noise, at, method, w_e, w_k, prior, found)
-        at, far = found.at, distances(found)
+        found = fit(graph, noise, at, method, weights, prior)
+        at, far, weights = found.at, distances(found), found.weights
         worst = _worst(graph, far)
-        cleared |= (w_k == 0) & (worst > limit)  # its views contradict each other without it, too
+        cleared |= (weights.poses == 0) & (worst > limit)  # its views contradict each other without it, too
         wanted = _wanted(graph, far, worst, cleared)
         if k >= 20:  # those that take turns would never end: weights only fall
-            wanted = np.minimum(wanted[0], w_e), np.minimum(wanted[1], w_k)
-        change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
+            wanted = np.minimum(wanted[0], weights.edges), np.minimum(wanted[1], weights.poses)
+        change = max(np.abs(wanted[0] - weights.edges).max(), np.abs(wanted[1] - weights.poses).max(initial=0.0))
         if change < MAX_SETTLED_CHANGE:
             break
-        w_e, w_k = wanted if k < UNDAMPED_STEPS or k >= 20 else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
+        if k >= UNDAMPED_STEPS and k < 20:
+            wanted = 0.5 * (wanted[0] + weights.edges), 0.5 * (wanted[1] + weights.poses)
+        weights = weights._replace(edges=wanted[0], poses=wanted[1])
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
-    assert found is not None
     counted = int((found.view_weights > 0).sum())
     if 2 * counted < graph.E:
         raise InputError(
@@ -131,7 +131,7 @@ def fit_robustly(
     return found, far
 
 
-def _first(graph: Graph, begin: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _first(graph: Graph, begin: NDArray[np.bool_]) -> Weights:
     """Weights to begin with: a robot pose all of whose views, two or more, are suspect takes the blame for them."""
     count, good = np.zeros(graph.P + 1), np.zeros(graph.P + 1)
     for side in graph.side:
@@ -140,7 +140,7 @@ def _first(graph: Graph, begin: NDArray[np.bool_]) -> tuple[Array, Array]:
     blamed = (count > 1) & (good == 0)
     blamed[-1] = False
     w_e = begin | blamed[graph.side[0]] | blamed[graph.side[1]]
-    return w_e.astype(float), np.where(blamed[:-1], 0.0, 1.0)
+    return Weights(w_e.astype(float), np.where(blamed[:-1], 0.0, 1.0))
 
 
 def _worst(graph: Graph, far: Distances) -> Array:

@@ -32,6 +32,7 @@ change.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 
@@ -44,6 +45,8 @@ HALF_WIDTH = 0.15
 MIN_TILT_COSINE = 0.05
 # Smallest depth of a point, over the median distance of the target.
 MIN_DEPTH = 0.05
+# Poses whose points are handled at once, and those of which results are kept at most.
+POSES_TOGETHER, MAX_KEPT_POSES = 1000, 20_000
 # Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
 
@@ -84,13 +87,18 @@ def view_block(
     ``distance`` (m) that gives the target its width and ``centre`` (3,) of its points; None: those of these poses. The
     ring is as wide as gives it the second moments of the square.
     """
-    R, t = camera[:, :3, :3], camera[:, :3, 3]
     distance = max(median_distance(camera) if distance is None else distance, 1e-6)
     centre = target_centre(camera, distance) if centre is None else centre
+    across = _across(camera)  # (2, 3)
+    return _in_parts(lambda part: _view_block(part, distance, centre, across), camera)
+
+
+def _view_block(camera: Array, distance: float, centre: Array, across: Array) -> Array:
+    """`view_block` of a target with these axes."""
+    R, t = camera[:, :3, :3], camera[:, :3, 3]
     about = R @ centre + t
     own = np.maximum(np.linalg.norm(about, axis=-1), MIN_DEPTH * distance)
     angle = 2.0 * np.pi * np.arange(16) / 16
-    across = _across(camera)  # (2, 3)
     turned = (
         HALF_WIDTH * distance * 1.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ across @ R.mT
     )  # (n, k, 3)
@@ -103,6 +111,14 @@ def view_block(
     root = np.linalg.cholesky(np.linalg.inv(information))
     root[:, 3:] += skew(R @ centre) @ root[:, :3]  # the pose is that of the origin
     return np.asarray(root)
+
+
+def _in_parts(function: Callable[[Array], Array], camera: Array) -> Array:
+    """Values of a function of each pose (n, 4, 4), of `POSES_TOGETHER` at once."""
+    if len(camera) <= POSES_TOGETHER:
+        return function(camera)
+    starts = range(0, len(camera), POSES_TOGETHER)
+    return np.concatenate([function(camera[start : start + POSES_TOGETHER]) for start in starts])
 
 
 def lines_of_sight(camera: Array) -> Array:
@@ -122,7 +138,8 @@ def target_centre(camera: Array, distance: float) -> Array:
     do not move it. A target that an arm turns about its wrist has c behind it: what is known of c beforehand is
     `HALF_WIDTH` of the distance from the origin in the plane, and twice that along the normal (standard deviations).
     """
-    return _centre(np.ascontiguousarray(camera, dtype=float).tobytes(), float(distance)).copy()
+    of = _centre if len(camera) <= MAX_KEPT_POSES else _centre.__wrapped__
+    return np.array(of(np.ascontiguousarray(camera, dtype=float).tobytes(), float(distance)))
 
 
 @functools.lru_cache(maxsize=8)
@@ -191,7 +208,7 @@ def intrinsics_columns(camera: Array, distance: float | None = None, centre: Arr
     camera = np.asarray(camera, dtype=float)
     distance = median_distance(camera) if distance is None else distance
     centre = target_centre(camera, distance) if centre is None else centre
-    return _by_intrinsics(camera.tobytes(), distance, tuple(centre.tolist()))
+    return _by_intrinsics_of(camera, distance, tuple(centre.tolist()))
 
 
 def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
@@ -203,20 +220,36 @@ def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
     camera = np.asarray(camera, dtype=float)
     change = 0.1
     before = intrinsics_columns(camera, distance, centre)
-    of, place, half, across = camera.tobytes(), tuple(centre.tolist()), HALF_WIDTH * distance, _across(camera)
-    changed = [_by_intrinsics(of, distance, place, sides) for sides in ((np.exp(change), 1.0), (1.0, np.exp(change)))]
+    place, half, across = tuple(centre.tolist()), HALF_WIDTH * distance, _across(camera)
+    changed = [_by_intrinsics_of(camera, distance, place, s) for s in ((np.exp(change), 1.0), (1.0, np.exp(change)))]
     for k in range(2):
         moved = tuple((centre + change * half * across[k]).tolist())
-        changed.append(_by_intrinsics(of, distance, moved))
+        changed.append(_by_intrinsics_of(camera, distance, moved))
     return np.concatenate([(after - before) / change for after in changed], axis=-1)
 
 
-@functools.lru_cache(maxsize=8)  # focal length, principal point, lens and outline ask for the same poses in turn
-def _by_intrinsics(
-    of_poses: bytes, distance: float, centre: tuple[float, ...], sides: tuple[float, float] = (1.0, 1.0)
+def _by_intrinsics_of(
+    camera: Array, distance: float, centre: tuple[float, ...], sides: tuple[float, float] = (1.0, 1.0)
 ) -> Array:
+    """`intrinsics_columns` of a target with other sides; kept of at most `MAX_KEPT_POSES` poses."""
+    of = _by_intrinsics if len(camera) <= MAX_KEPT_POSES else _by_intrinsics.__wrapped__
+    return np.asarray(of(camera.tobytes(), distance, centre, sides))
+
+
+@functools.lru_cache(maxsize=8)  # focal length, principal point, lens and outline ask for the same poses in turn
+def _by_intrinsics(of_poses: bytes, distance: float, centre: tuple[float, ...], sides: tuple[float, float]) -> Array:
     camera = np.frombuffer(of_poses).reshape(-1, 4, 4)
-    x, by_pose, information = _fitted(camera, distance, np.array(centre), sides)
+    side = HALF_WIDTH * np.linspace(-1.0, 1.0, 4)
+    grid = np.stack(np.meshgrid(sides[0] * side, sides[1] * side), axis=-1).reshape(-1, 2)
+    points = np.array(centre) + max(distance, 1e-6) * grid @ _across(camera)
+    found = _in_parts(lambda part: _by_lens(part, distance, points), camera)
+    found.flags.writeable = False
+    return found
+
+
+def _by_lens(camera: Array, distance: float, points: Array) -> Array:
+    """`intrinsics_columns` of a target with these points (k, 3)."""
+    x, by_pose, information = _fitted(camera, distance, points)
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
     radial = x * r2[..., None]
@@ -225,9 +258,7 @@ def _by_intrinsics(
     one = np.broadcast_to(np.eye(2), (*u.shape, 2, 2))
     aspect = 0.5 * x * np.array([1.0, -1.0])
     by_lens = np.stack([x, one[..., 0], one[..., 1], radial, radial * r2[..., None], by_p1, by_p2, aspect], axis=-1)
-    found = np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 8)))
-    found.flags.writeable = False
-    return found
+    return np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 8)))
 
 
 def median_distance(camera: Array) -> float:
@@ -235,15 +266,12 @@ def median_distance(camera: Array) -> float:
     return float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
 
 
-def _fitted(camera: Array, distance: float, centre: Array, sides: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B.
+def _fitted(camera: Array, distance: float, P: Array) -> tuple[Array, Array, Array]:
+    """Directions (n, k, 2) of points P (k, 3) of the target, their derivatives (n, 2k, 6) by the poses, and B^T B.
 
     The target has four points along each side. Directions with a tangent above 1 count as seen there, or the powers of
     the tangent that a distortion is made of would grow without bound at other poses.
     """
-    side = HALF_WIDTH * np.linspace(-1.0, 1.0, 4)
-    grid = np.stack(np.meshgrid(sides[0] * side, sides[1] * side), axis=-1).reshape(-1, 2)
-    P = centre + max(distance, 1e-6) * grid @ _across(camera)
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
     near = MIN_DEPTH * max(distance, 1e-6)
