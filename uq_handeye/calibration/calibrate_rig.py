@@ -47,9 +47,9 @@ MAX_NOISE_RATIO = 10.0
 METHODS = ("efficient", "ml")
 # Fields of `Request` that a rig has, in addition to noise and shared errors.
 OPTIONS = ("method", "robust", "seed", "covariance", "sizes", "prior", "correlation")
-# Memory for one number of the rows of a rig, by its peak with 2 cameras and 10,000 poses, and with 8 and 1,000; and
+# Memory for one number of the rows of a rig, by its peak with 2 cameras and 10,000 or 100,000 poses; and
 # numbers of shared errors that are assumed of an arm and of each camera.
-BYTES_PER_NUMBER, ERRORS_OF_ARM, ERRORS_OF_CAMERA = 22, 50, 4
+BYTES_PER_NUMBER, ERRORS_OF_ARM, ERRORS_OF_CAMERA = 20, 50, 4
 
 
 def calibrate_rig(

@@ -244,7 +244,7 @@ def fit(
     weights: Weights | None = None,
     prior: Prior | None = None,
 ) -> RigFit:
-    """Estimate all poses from ``start`` (m, 4, 4), with robust weights and the errors of a fit near by, if they have any.
+    """Estimate all poses from ``start`` (m, 4, 4), with robust weights and the errors that a fit near by found.
 
     Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
     """
