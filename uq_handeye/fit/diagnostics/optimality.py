@@ -157,6 +157,11 @@ class Rows(NamedTuple):
     w_r: Array  # (n,)
     w_t: Array
 
+    def of(self, some: NDArray[np.intp]) -> Rows:
+        """Those of some views."""
+        G, H, C, X, W, w_r, w_t = self
+        return Rows(G[some], H[some], C[some], X[some], W[some], w_r[some], w_t[some])
+
 
 @dataclass(frozen=True, eq=False)
 class Isotropic:
@@ -241,7 +246,7 @@ class Isotropic:
             edges = np.flatnonzero(kind.reshape(-1) == k)
             for start in range(0, len(edges), VIEWS_TOGETHER):
                 some = edges[start : start + VIEWS_TOGETHER]
-                found.append((Rows(*(values[some] for values in self.rows)), pair))
+                found.append((self.rows.of(some), pair))
         return found
 
     def minimum(self, start: Array) -> Array:

@@ -418,7 +418,8 @@ def _open(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float
 
 def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float, edges: Index) -> Array | None:
     """`_open` by some views."""
-    I_0, N = np.zeros((2, graph.p, graph.p))
+    I_0: Array = np.zeros((graph.p, graph.p))
+    N: Array = np.zeros((graph.p, graph.p))
     roots = factor(noise.robot), factor(noise.camera)
     for start in range(0, len(edges), VIEWS_TOGETHER):
         some = edges[start : start + VIEWS_TOGETHER]
@@ -433,10 +434,10 @@ def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: fl
         used = graph.used_by(some)
         I_0 += part.gram(sides, weights)
         measured = ((part.robot, roots[0][used]), (part.C, roots[1][some]))
-        for s, (poses, root) in enumerate(measured):
+        for s, (poses, of_each) in enumerate(measured):
             for a in range(6):
                 # errors of both signs, whose mean change is exact to second order
-                moved = (perturb(poses, sign * root[..., a]) for sign in (1.0, -1.0))
+                moved = (perturb(poses, sign * of_each[..., a]) for sign in (1.0, -1.0))
                 one, other = (part.linearise(here.at, *((T, None) if s == 0 else (None, T))) for T in moved)
                 N += part.gram(one.half_less(other), weights)
     weak = N + np.diag(FIT_ROUNDING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
