@@ -154,9 +154,9 @@ def test_both_forms_of_noise_agree(rng, monkeypatch):
     noise = random_covariance(rng), random_covariance(rng)
     L = pair_factors(*noise, 40)
     monkeypatch.setattr(zhao, "ROWS", 48)  # several blocks, the last not full
-    shared = METHOD.solver.covariance(A, B, X, lambda pairs: L[pairs]).value
+    shared = METHOD.covariance(A, B, X, lambda pairs: L[pairs]).value
     # an arcsine next to 1 makes 1e-8 of rounding
-    assert_same_covariance(shared, METHOD.solver.covariance(A, B, X, PairNoise(*noise)).value, 1e-6)
+    assert_same_covariance(shared, METHOD.covariance(A, B, X, PairNoise(*noise)).value, 1e-6)
 
 
 def test_noise_of_the_size_of_sampled_signs(rng):
@@ -183,7 +183,7 @@ def test_covariance_of_pair_noise_is_true_in_millimetres(rng):
     sd = 1e-3 * np.repeat([1.0, unit], 3)
     errors = sd * rng.normal(size=(2, trials, N, 6))
     found = METHOD(moved(A, errors[0]), moved(B, errors[1]))
-    covariance = METHOD.solver.covariance(A, B, X, PairNoise(np.diag(sd**2), np.diag(sd**2))).value
+    covariance = METHOD.covariance(A, B, X, PairNoise(np.diag(sd**2), np.diag(sd**2))).value
     xi = difference(found, X)
     assert is_consistent(xi, covariance), nees(xi, covariance).mean()
     assert not is_consistent(xi, 0.8 * covariance) and not is_consistent(xi, 1.25 * covariance)
@@ -195,7 +195,7 @@ def test_residuals_without_variance(rng):
     trials, N = 200, 30
     X, A, B = exact_motions(rng, N)
     sd = np.array([0.0, 0.0, 0.0, 1e-3, 1e-3, 1e-3])
-    covariance = METHOD.solver.covariance(A, B, X, PairNoise(B=np.diag(sd**2))).value
+    covariance = METHOD.covariance(A, B, X, PairNoise(B=np.diag(sd**2))).value
     xi = difference(METHOD(np.tile(A, (trials, 1, 1, 1)), moved(B, sd * rng.normal(size=(trials, N, 6)))), X)
     assert np.abs(xi[:, :3]).max() < 1e-12 and np.abs(covariance[:3, :3]).max() < 1e-20
     assert is_consistent(xi[:, 3:], covariance[3:, 3:])
@@ -203,6 +203,4 @@ def test_residuals_without_variance(rng):
 
 def test_no_noise_no_covariance(rng):
     X, A, B = exact_motions(rng, 10)
-    np.testing.assert_array_equal(
-        METHOD.solver.covariance(A, B, X, PairNoise(A=np.zeros((6, 6)))).value, np.zeros((6, 6))
-    )
+    np.testing.assert_array_equal(METHOD.covariance(A, B, X, PairNoise(A=np.zeros((6, 6)))).value, np.zeros((6, 6)))

@@ -60,7 +60,7 @@ def test_of_each_kind(kind):
     assert decompression.unpacked(make, packed + packed, 10000) == data + data
     with pytest.raises(ValueError, match="cut off"):
         decompression.unpacked(make, packed[:-200])
-    with pytest.raises(decompression.TooLarge):
+    with pytest.raises(decompression.DamagedError):
         decompression.unpacked(make, PACKED[kind](bytes(3_000_000)))
 
 

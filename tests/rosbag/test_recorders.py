@@ -18,8 +18,9 @@ from support import difference
 import uq_handeye as uq
 from uq_handeye.core.numbers.limits import MAX_MESSAGE_BYTES
 from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.read.rosbag.decompression import DamagedError
 from uq_handeye.read.rosbag.listing import command_of, text_of
-from uq_handeye.read.rosbag.protobuf import MessageTypes, ProtobufError
+from uq_handeye.read.rosbag.protobuf import MessageTypes
 from uq_handeye.read.rosbag.recording import read_recording
 from uq_handeye.read.rosbag.sensors import Sensors
 from uq_handeye.read.rosbag.streams import camera_stream, robot_stream
@@ -271,14 +272,14 @@ def test_hostile_messages_and_descriptors():
         bytes(MAX_MESSAGE_BYTES + 1),
     )
     for data in cases:
-        with pytest.raises(ProtobufError):
+        with pytest.raises(DamagedError):
             decode(data)
     nested = entry(1, b"M")
     for _ in range(50):
         nested = entry(1, b"M") + entry(3, nested)
     for data, name in ((entry(1, entry(4, nested)), "M"), (bytes(MAX_MESSAGE_BYTES + 1), "M"), (loop, "p.Other")):
-        with pytest.raises(ProtobufError):
+        with pytest.raises(DamagedError):
             MessageTypes(data).decoder(name)
     lacks = MessageTypes(descriptors((b"M", [(b"m", 1, 11, False, b".p.Other")]))).decoder("p.M")
-    with pytest.raises(ProtobufError, match=r"lack the type 'p\.Other'"):
+    with pytest.raises(DamagedError, match=r"lack the type 'p\.Other'"):
         lacks(entry(1, b""))

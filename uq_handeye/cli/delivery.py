@@ -31,18 +31,8 @@ if TYPE_CHECKING:
     from ..trials.validation.cross_check.result import CrossCheck
 
 
-class Wanted(NamedTuple):
-    """The requested tolerance; None: none."""
-
-    tolerance: "Tolerance | None"
-
-    def verdict(self, result: "Calibration") -> "Verdict | None":
-        """Return whether a result meets the tolerance."""
-        return None if self.tolerance is None else result.verdict(self.tolerance)
-
-
-def wanted_of(tolerance: str | None = None, at: str | None = None) -> Wanted:
-    """Read the tolerance.
+def tolerance_of(tolerance: str | None = None, at: str | None = None) -> "Tolerance | None":
+    """Read the requested tolerance; None: none.
 
     Options (Output):
       * --tolerance MM,DEG: Accepted error of X, e.g. 1mm,0.1deg: PASS or FAIL. A length, an angle or both. NOT SHOWN if
@@ -53,10 +43,10 @@ def wanted_of(tolerance: str | None = None, at: str | None = None) -> Wanted:
     if tolerance is None:
         if at is not None:
             raise InputError("--at needs a tolerance. Add, for example, --tolerance 1mm.")
-        return Wanted(None)
+        return None
     from ..calibration.statement.tolerance import Tolerance
 
-    return Wanted(Tolerance.read(tolerance, at))
+    return Tolerance.read(tolerance, at)
 
 
 def emit_result(
@@ -351,7 +341,7 @@ class DemoOutputs(Outputs):
 def deliver_result(
     result: "Calibration",
     outputs: Outputs,
-    wanted: Wanted,
+    tolerance: "Tolerance | None",
     wishes: ReportOptions | None = None,
     *,
     check: "CrossCheck | None" = None,
@@ -362,7 +352,7 @@ def deliver_result(
     from ..calibration.report.first_screen import next_step
 
     result = _with_command(result)
-    verdict = wanted.verdict(result)
+    verdict = None if tolerance is None else result.verdict(tolerance)
     written = outputs.write(result, verdict, check, wishes)
     last = (written, f"Next: {next_step(result, None if outputs.report is None else str(outputs.report))}.", more)
     return emit_result(result, verdict, as_json=outputs.as_json, last=tuple(filter(None, last)), threshold=threshold)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
-from .delivery import Wanted, deliver, deliver_answer, emit_refusal
+from .delivery import deliver, deliver_answer, emit_refusal
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, verbose, withheld
 from .names import AT_THE_BOUND, PAIRINGS, ROBOT_CLASSES, SETUP_NAMES
@@ -19,6 +19,7 @@ from .values import by_names, coordinates, one_of
 
 if TYPE_CHECKING:
     from ..calibration.rig_result import RigCalibration
+    from ..calibration.statement.tolerance import Tolerance
     from ..core.files.json_values import JsonObject
     from ..model.noise.models import Noise
     from ..model.rig.description import Rig
@@ -53,7 +54,7 @@ def calibrate_rig_files(
     asked: "Estimation",
     beforehand: "PosePriors",
     wishes: "ReportOptions",
-    wanted: Wanted,
+    tolerance: "Tolerance | None",
     outputs: "Outputs",
 ) -> int:
     """Calibrate several cameras, targets or arms, print the result and write its files; return the exit status.
@@ -91,7 +92,7 @@ def calibrate_rig_files(
             return emit_refusal(error, outputs.as_json, shown)
         shown += [] if outputs.as_json else result.warnings
     assert isinstance(result, RigCalibration)  # of several cameras, targets or arms
-    return deliver_rig(result, wishes, wanted, outputs)
+    return deliver_rig(result, wishes, tolerance, outputs)
 
 
 def _refuse_others() -> None:
@@ -164,13 +165,15 @@ def _reading(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]
     return found
 
 
-def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
+def deliver_rig(
+    result: "RigCalibration", wishes: "ReportOptions", tolerance: "Tolerance | None", outputs: "Outputs"
+) -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ..core.files.json_files import signed_text
     from ..core.presentation.document import Paragraph, document_of
     from ..report.decision import badges_of, verdicts_of_rig
 
-    verdicts = verdicts_of_rig(result, wanted.tolerance)
+    verdicts = verdicts_of_rig(result, tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
     document = [*document_of(result, verbose=verbose()), [Paragraph(one, hang="  ") for one in said]]

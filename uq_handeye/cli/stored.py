@@ -1,9 +1,8 @@
 """Stored results that a command takes: of one camera, or of a rig, of which one camera is chosen."""
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
 from .messages import given_options
@@ -29,8 +28,7 @@ EVERYWHERE = frozenset(
 )
 
 
-@dataclass(frozen=True)
-class OneOfRig:
+class OneOfRig(NamedTuple):
     """Options that choose one camera of a rig.
 
     Options (Result of a rig):
@@ -41,7 +39,6 @@ class OneOfRig:
 
     of_camera: str | None = None
     of_target: str | None = None
-    option: ClassVar[str] = "--camera"
 
     def read(self, path: Path) -> "Calibration":
         """Return the result of one camera, or one camera of that of a rig."""
@@ -49,37 +46,34 @@ class OneOfRig:
 
         return self.of(load(path), path)
 
-    def of(self, found: "Calibration | RigCalibration", path: Path) -> "Calibration":
-        """Return a result as that of one camera; raises `InputError` for a camera that it does not have."""
+    def of(self, found: "Calibration | RigCalibration", path: Path, option: str = "--camera") -> "Calibration":
+        """Return a result as that of one camera; raises `InputError` for a camera that it does not have.
+
+        ``option`` names the camera, where --camera asks for camera poses.
+        """
         from ..calibration.result import Calibration
 
         if isinstance(found, Calibration):
-            for option, name, own in (
-                (self.option, self.of_camera, found.names.camera),
+            for called, name, own in (
+                (option, self.of_camera, found.names.camera),
                 ("--target", self.of_target, found.names.target),
             ):
                 if name not in (None, own):
-                    raise InputError(f"{option} {name}: {path} has {own!r}. Correct the name.")
+                    raise InputError(f"{called} {name}: {path} has {own!r}. Correct the name.")
             return found
         from ..calibration.of_camera import of_camera
 
         camera, cameras = self.of_camera, list(found.rig.cameras)
         if camera is None and len(cameras) > 1:
-            raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: {self.option} {cameras[0]}.")
+            raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: {option} {cameras[0]}.")
         if camera not in (None, *cameras):
-            raise InputError(f"{self.option} {camera}: {path} has {', '.join(cameras)}. Correct the name.")
+            raise InputError(f"{option} {camera}: {path} has {', '.join(cameras)}. Correct the name.")
         return of_camera(found, camera or cameras[0], self.of_target)
 
 
 def of_rig() -> bool:
     """Return whether the command is of several cameras: --camera NAME=FILE, or a rig file."""
     return "--camera" in given_options()
-
-
-class PredictedOf(OneOfRig):
-    """The same where --camera asks for camera poses."""
-
-    option: ClassVar[str] = "--of"
 
 
 def is_result(path: Path | None) -> bool:

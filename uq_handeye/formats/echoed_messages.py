@@ -28,17 +28,11 @@ PRINTED = re.compile(r"\b[a-z]\w*_msgs\.msg\.(_\w+\.)?[A-Z]\w*\(")
 _ARRAY = re.compile(r"\barray\((\[[^\[\]]*\])[^()]*\)")
 _CLASS = re.compile(r"\b[A-Za-z_][\w.]*\(")
 _FIELD = re.compile(r"\b(\w+)=")
+# What is wrong with a message: the number of the line, and a few words.
+Wrong = tuple[int, str]
 
 
-class EchoError(Exception):
-    """Error in a line: its number and a few words."""
-
-    def __init__(self, line: int, words: str) -> None:
-        super().__init__(words)
-        self.line = line
-
-
-def messages_of(text: str) -> Iterator[tuple[int, dict[str, Tree], EchoError | None, bool]]:
+def messages_of(text: str) -> Iterator[tuple[int, dict[str, Tree], Wrong | None, bool]]:
     """Yield each message: its first line, its fields, what is wrong with it, and whether ``---`` ends it."""
     begun = 0
     lines: list[tuple[int, str]] = []
@@ -71,7 +65,7 @@ def _in_braces(text: str) -> str:
     return _FIELD.sub(r"\1: ", text.replace(")", "}"))
 
 
-def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Tree], EchoError | None]:
+def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Tree], Wrong | None]:
     """Return the fields of one message as nested dicts and lists; numbers stay text until they are asked for."""
     flow = lines[0][1].lstrip().startswith("{")  # of --flow-style
     try:
@@ -85,7 +79,7 @@ def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Tree], EchoError | 
         elif words.startswith("not YAML"):  # found where the next line does not go on
             line, text = next((one for one in lines if not _FIELD_LINE.match(one[1])), (line, text))
             words = f"expected name: value, indented below its field, got {short(text.strip())}"
-        return {}, EchoError(line, words)
+        return {}, (line, words)
     if is_map(found) or flow:
         return fields_of(found), None
-    return {}, EchoError(lines[0][0], f"expected name: value, got {short(lines[0][1].strip())}")
+    return {}, (lines[0][0], f"expected name: value, got {short(lines[0][1].strip())}")

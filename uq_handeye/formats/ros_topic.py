@@ -16,7 +16,7 @@ from ..core.files.lines import is_number
 from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents
-from .echoed_messages import PRINTED, TOOL_LINE, EchoError, messages_of
+from .echoed_messages import PRINTED, TOOL_LINE, messages_of
 from .ros_messages import MessageError, Stamped, frame_name, poses_in
 from .ros_sides import side_of
 
@@ -58,17 +58,17 @@ def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, li
         yield from _csv_records(text, name)
         return
     begun = False
-    for line, fields, error, ended in messages_of(text):
+    for line, fields, wrong, ended in messages_of(text):
         try:
-            if error is not None:
-                raise error
+            if wrong is not None:
+                raise MessageError(wrong[1])
             found = poses_in(fields)
-        except (EchoError, MessageError) as problem:
+        except MessageError as problem:
             if begun and not ended:
                 notes.append("the last message is cut off, and left out")
                 return
-            if error is not None:
-                raise InputError(f"{name}, line {error.line}: {error}.") from None
+            if wrong is not None:
+                raise InputError(f"{name}, line {wrong[0]}: {wrong[1]}.") from None
             raise InputError(
                 f"{name}, the message at line {line}: expected {problem}, got the fields "
                 f"{', '.join(list(fields)[:MAX_LISTED]) or 'none'}; echo a topic of poses or /tf (docs/how-to/ros.md)."

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.files.open import shown
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_LISTED, MIN_POSES_TO_DECIDE
+from ..core.numbers.limits import MAX_LISTED, MAX_ROWS, MIN_POSES_TO_DECIDE
 from ..errors import InputError, InputWarning
 from ..formats.contents import Side
 from ..formats.rotations import RotationForm, rotation_form
@@ -18,8 +18,6 @@ from .pairing_by_time import SYNCHRONOUS_S
 
 # Rows belong together by time if they differ by less than this share of the interval between rows.
 SAME_TIME_SHARE = 0.3
-# Entries of a table of time differences that is worth making.
-MAX_TABLE = 10_000_000
 # Differences of angles count up to this (rad), and a row is the one that lacks a partner if the next best fits worse by
 # the inverse of this ratio.
 LARGE_RAD, CLEAR_RATIO = np.radians(10.0), 0.5
@@ -111,7 +109,7 @@ def _by_time(longer: Side, other: Side) -> list[int] | None:
     times, theirs = longer.timestamps, other.timestamps
     if _numbered(times) or _numbered(theirs):
         return None
-    nearest = np.abs(times[:, None] - theirs[None]).argmin(axis=0) if len(times) * len(theirs) < MAX_TABLE else None
+    nearest = np.abs(times[:, None] - theirs[None]).argmin(axis=0) if len(times) * len(theirs) < MAX_ROWS else None
     if nearest is None:
         return None
     interval = float(np.median(np.abs(np.diff(times))))

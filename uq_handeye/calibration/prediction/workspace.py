@@ -19,6 +19,7 @@ errors.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def over_workspace(result: Estimated, distance: float, postures: int = 1500) -> 
     everywhere = rng.uniform(low, high, (postures, len(low)))
     some = np.unique(np.linspace(0, len(fitted.joints) - 1, 200).round().astype(int))
     near = np.clip(fitted.joints[some], low, high)
-    far, close = (_Views(result, fitted, distance, q) for q in (everywhere, near))
+    far, close = (_Views.of(result, fitted, distance, q) for q in (everywhere, near))
     if len(far.radius_95) < MIN_POSTURES:
         return None
     chain = fitted.chain
@@ -109,10 +110,17 @@ def ends(fitted: FittedKinematics) -> tuple[Array, Array]:
     return np.asarray(low), np.asarray(high)
 
 
-class _Views:
-    """Postures q from which the tool reaches what the camera sees."""
+class _Views(NamedTuple):
+    """Postures from which the tool reaches what the camera sees."""
 
-    def __init__(self, result: Estimated, fitted: FittedKinematics, distance: float, q: Array) -> None:
+    flange: Array  # (n, 3)
+    radius_95: Array  # (n,)
+    pooled: float
+    bias: Array  # (n,)
+
+    @classmethod
+    def of(cls, result: Estimated, fitted: FittedKinematics, distance: float, q: Array) -> _Views:
+        """Return them for the postures among q that are possible."""
         chain, X = fitted.chain, result.X
         zero = np.zeros(3)
         if result.setup == "eye-to-hand":
@@ -125,18 +133,18 @@ class _Views:
             there, arrived = brought_to(fitted, q, goal)
             q, there = q[arrived], there[arrived]
             ahead, reached = (robot_ahead(result, at, chain.poses(at)) for at in (q, there))
-        self.flange = fitted.at(q)[:, :3, 3]
+        flange = fitted.at(q)[:, :3, 3]
         found = tip_at(reached, zero).less(seen_at(result, points, ahead))
         S = found.covariance(result)
-        self.radius_95 = PointUncertainty(found.at, S, "base", tails=result.tails).radius_95
+        radius_95 = PointUncertainty(found.at, S, "base", tails=result.tails).radius_95
         values = np.linalg.eigvalsh(S)  # lengths do not ask for directions
         drawn = np.random.default_rng(1).normal(size=(100, len(S), 3)) * np.sqrt(np.maximum(values, 0.0))
-        self.pooled = float(np.sqrt(np.quantile((drawn**2).sum(axis=-1), 0.95))) if len(S) else 0.0
+        pooled = float(np.sqrt(np.quantile((drawn**2).sum(axis=-1), 0.95))) if len(S) else 0.0
         moved = fitted.at(there)[:, :3, 3] - chain.poses(there)[:, :3, 3]
         if ahead is not None:
             in_flange = X[:3, :3] @ points + X[:3, 3]
             moved = moved - (_carried(fitted.at(q), in_flange) - _carried(chain.poses(q), in_flange))
-        self.bias = np.linalg.norm(moved, axis=-1)
+        return cls(flange, radius_95, pooled, np.linalg.norm(moved, axis=-1))
 
 
 def _carried(T: Array, p: Array) -> Array:

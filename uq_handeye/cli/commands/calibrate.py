@@ -8,11 +8,10 @@ from ...errors import InputError, NotConvergedError
 from ..delivery import (
     AllOutputs,
     ReportOptions,
-    Wanted,
     deliver_result,
     emit_refusal,
     report_options_of,
-    wanted_of,
+    tolerance_of,
 )
 from ..messages import fail, progress_wanted, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
@@ -22,6 +21,7 @@ from ..rigs import calibrate_rig_files
 from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
+    from ...calibration.statement.tolerance import Tolerance
     from ...trials.validation.cross_check.result import CrossCheck
 
 
@@ -30,7 +30,7 @@ def calibrate_command(
     estimation: Estimation,
     beforehand: PosePriors,
     wishes: Annotated["ReportOptions", report_options_of],
-    wanted: Annotated["Wanted", wanted_of],
+    tolerance: Annotated["Tolerance | None", tolerance_of],
     outputs: AllOutputs,
 ) -> int:
     r"""Estimate the camera pose X and its uncertainty.
@@ -62,12 +62,12 @@ def calibrate_command(
     if is_rig_file(data.files.robot):
         described = read_rig_file(data.files)
     if several_cameras(described, robot.cameras):
-        return calibrate_rig_files(described, data, estimation, beforehand, wishes, wanted, outputs)
+        return calibrate_rig_files(described, data, estimation, beforehand, wishes, tolerance, outputs)
     outputs.require_possible()
     files, name = named_camera(data.files, robot.cameras)
     data = data._replace(files=files)
     if data.watch is not None:
-        return _watch(data, estimation.options() | beforehand.options(), wishes, wanted, outputs)
+        return _watch(data, estimation.options() | beforehand.options(), wishes, tolerance, outputs)
     pictures, arm, sensors = data.pictures, robot.arm, None
     if robot.bag is not None:
         sensors, pictures, arm = robot.bag.sensors_with(files, pictures, arm)
@@ -102,10 +102,12 @@ def calibrate_command(
     check = None
     if outputs.with_cross_check:
         check = _cross_check(problem_for(result, poses, noise, shared, estimation.pairs), estimation.seed)
-    return deliver_result(result, outputs, wanted, wishes, check=check, threshold=outputs.threshold, more=last)
+    return deliver_result(result, outputs, tolerance, wishes, check=check, threshold=outputs.threshold, more=last)
 
 
-def _watch(data: Data, options: dict[str, Any], wishes: ReportOptions, wanted: Wanted, outputs: AllOutputs) -> int:
+def _watch(
+    data: Data, options: dict[str, Any], wishes: ReportOptions, tolerance: "Tolerance | None", outputs: AllOutputs
+) -> int:
     """Answer after each pose that arrives in the folder of --watch, and deliver the last result."""
     if data.robot.bag is not None:
         raise InputError("--watch takes pose files, not --bag. Calibrate the bag afterwards.")
@@ -114,13 +116,13 @@ def _watch(data: Data, options: dict[str, Any], wishes: ReportOptions, wanted: W
     if data.touched.touches is not None:
         raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
     assert data.watch is not None
-    question = question_of(data.given, data.pictures, options, wanted.tolerance)
+    question = question_of(data.given, data.pictures, options, tolerance)
     folder = watched(data.watch, data.files, data.pictures, outputs.output)
     found = Watch(folder, question, outputs.output, outputs.as_json).run()
     if found is None:
         return fail("No X: the poses that arrived do not determine it.")
     found = replace(found, about=wishes.about)
-    return deliver_result(found, outputs, wanted, wishes, threshold=outputs.threshold)
+    return deliver_result(found, outputs, tolerance, wishes, threshold=outputs.threshold)
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":

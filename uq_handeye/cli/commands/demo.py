@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...errors import InputError
-from ..delivery import REPORTS, DemoOutputs, Wanted, deliver_result
+from ..delivery import REPORTS, DemoOutputs, deliver_result
 from ..messages import LOG, quiet
 from ..values import require_writable
 
@@ -41,4 +41,4 @@ def demo_command(outputs: DemoOutputs) -> int:
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
     result = calibrate(poses)
-    return deliver_result(result, outputs, Wanted(None), more=against_truth(result, truth[0]))
+    return deliver_result(result, outputs, None, more=against_truth(result, truth[0]))

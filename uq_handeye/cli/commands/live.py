@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ...errors import InputError
 from ..arm import arm_alone
-from ..delivery import Outputs, Wanted, wanted_of
+from ..delivery import Outputs, tolerance_of
 from ..noise import Given, noise_of
 from ..pictures import Pictures, pictures_of
 from ..pose_files import StreamFiles
@@ -17,6 +17,7 @@ from ..touches import TouchesToUse
 from ..watching import folder_of, question_of
 
 if TYPE_CHECKING:
+    from ...calibration.statement.tolerance import Tolerance
     from ...use.live_session.browser_page import BrowserPage
     from ...use.live_session.question import Answer
     from ...use.live_session.sources import Side, Source
@@ -83,7 +84,7 @@ def live_command(
     arm: Annotated["Arm | None", arm_alone],
     pictures: Annotated["Pictures | Views | None", pictures_of],
     given: Annotated["Given", noise_of],
-    wanted: Annotated["Wanted", wanted_of],
+    tolerance: Annotated["Tolerance | None", tolerance_of],
     page: PageOptions,
     come: SourceOptions,
     touched: TouchesToUse,
@@ -111,7 +112,7 @@ def live_command(
     if arm is not None:
         folder = replace(folder, how={**folder.how, **arm.of_files})
         options |= arm.of_calibrate
-    question = question_of(given, pictures, options, wanted.tolerance)
+    question = question_of(given, pictures, options, tolerance)
     touches = touched.read(None)
     sources = _sources(files, come)
     if sources:  # their poses are kept in a form of our own

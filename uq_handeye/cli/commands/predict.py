@@ -10,7 +10,7 @@ from ...errors import InputError
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
 from ..rigs import predict_into
-from ..stored import PredictedOf
+from ..stored import OneOfRig
 from ..values import coordinates
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def predict_command(
     if wanted.into is not None and not isinstance(found, Calibration):
         predict_into(found, wanted, places.robot, as_json, output)
         return ExitStatus.DONE
-    stored = PredictedOf(wanted.of, wanted.of_target).of(found, result)
+    stored = OneOfRig(wanted.of, wanted.of_target).of(found, result, "--of")
     wanted.require_possible(places, stored.setup)
     points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])
     tip = None if wanted.tool is None else np.array(coordinates(wanted.tool, "--tool"))

@@ -9,12 +9,11 @@ from ..delivery import (
     REPORTS,
     Outputs,
     ReportOptions,
-    Wanted,
     emit_answer,
     emit_result,
     report_options_of,
     status_of,
-    wanted_of,
+    tolerance_of,
 )
 from ..exit_status import ExitStatus
 from ..messages import progress_wanted, quiet, timed
@@ -25,6 +24,7 @@ from ..values import one_of, require_writable
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...calibration.rig_result import RigCalibration
+    from ...calibration.statement.tolerance import Tolerance
 
 
 # Suffixes of a certificate.
@@ -34,7 +34,7 @@ CERTIFICATES = (*REPORTS, ".json")
 def report_command(
     result: Path,
     wishes: Annotated["ReportOptions", report_options_of],
-    wanted: Annotated["Wanted", wanted_of],
+    tolerance: Annotated["Tolerance | None", tolerance_of],
     file: Path | None = None,
     no_compare: bool = False,
     certificate: bool = False,
@@ -66,12 +66,12 @@ def report_command(
     require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
     stored = load(result)
     if certificate:
-        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.paper)
+        return _deliver_certificate(stored, file, tolerance, wishes.about, wishes.paper)
     if isinstance(stored, RigCalibration):
         from ..rigs import deliver_rig
 
-        return deliver_rig(stored, wishes, wanted, Outputs(file))
-    verdict = wanted.verdict(stored)
+        return deliver_rig(stored, wishes, tolerance, Outputs(file))
+    verdict = None if tolerance is None else stored.verdict(tolerance)
     if file is None:
         return emit_result(stored, verdict)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
@@ -88,7 +88,7 @@ def report_command(
 
 def certificate_command(
     result: Path,
-    wanted: Annotated["Wanted", wanted_of],
+    tolerance: Annotated["Tolerance | None", tolerance_of],
     file: Path | None = None,
     about: list[str] | None = None,
     paper: str = "a4",
@@ -113,11 +113,15 @@ def certificate_command(
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)
-    return _deliver_certificate(load(result), file, wanted, read_about(about or ()), paper)
+    return _deliver_certificate(load(result), file, tolerance, read_about(about or ()), paper)
 
 
 def _deliver_certificate(
-    stored: "Calibration | RigCalibration", file: Path | None, wanted: Wanted, about: dict[str, str], paper: str
+    stored: "Calibration | RigCalibration",
+    file: Path | None,
+    tolerance: "Tolerance | None",
+    about: dict[str, str],
+    paper: str,
 ) -> int:
     """Write a certificate, print its headline, and return the exit status."""
     from ...calibration.report.first_screen import status_of as colour_of
@@ -125,7 +129,7 @@ def _deliver_certificate(
     from ...report.certificate import make_certificate
     from ...report.rig_certificate import RigCertificate
 
-    found = make_certificate(stored, tolerance=wanted.tolerance, about=about)
+    found = make_certificate(stored, tolerance=tolerance, about=about)
     written = ""
     if file is not None:
         with timed(f"writing {file}"):

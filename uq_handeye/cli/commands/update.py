@@ -3,30 +3,32 @@
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.files.locks import held
 from ...errors import InputError, NotConvergedError
 from ..delivery import (
     Outputs,
     ReportOptions,
-    Wanted,
     deliver_result,
     emit_refusal,
     report_options_of,
-    wanted_of,
+    tolerance_of,
 )
 from ..messages import timed, withheld
 from ..new_poses import NewPoses
 from ..rigs import NEW_VIEWS, deliver_rig, new_views
 from ..stored import refuse, stored_rig
 
+if TYPE_CHECKING:
+    from ...calibration.statement.tolerance import Tolerance
+
 
 def update_command(
     result: Path,
     files: NewPoses,
     wishes: Annotated["ReportOptions", report_options_of],
-    wanted: Annotated["Wanted", wanted_of],
+    tolerance: Annotated["Tolerance | None", tolerance_of],
     outputs: Outputs,
     although_changed: bool = False,
     same: list[str] | None = None,
@@ -63,7 +65,7 @@ def update_command(
     with _held_if_replaced(result, outputs.output):
         stored: Any = rig or Calibration.from_json(result)
         if rig is None and wishes.about and files.nothing:
-            return deliver_result(replace(stored, about=stored.about | wishes.about), outputs, wanted, wishes)
+            return deliver_result(replace(stored, about=stored.about | wishes.about), outputs, tolerance, wishes)
         poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
         with withheld() as said:
             try:
@@ -74,9 +76,9 @@ def update_command(
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, outputs.as_json, said)
         if rig is not None:
-            return deliver_rig(found, wishes, wanted, outputs)
+            return deliver_rig(found, wishes, tolerance, outputs)
         found = replace(found, about=found.about | wishes.about)
-        return deliver_result(found, outputs, wanted, wishes, more=gain(stored, found, poses.n))
+        return deliver_result(found, outputs, tolerance, wishes, more=gain(stored, found, poses.n))
 
 
 def names_of(same: list[str] | None, otherwise: tuple[str, ...]) -> str | tuple[str, ...]:

@@ -12,9 +12,8 @@ from types import TracebackType
 from typing import Any
 
 from ...errors import InputError
+from ..numbers.limits import MAX_NAME_CHARACTERS
 
-# Longest name of a part of a rig.
-MAX_PART_NAME_CHARACTERS = 100
 _CONTROLS = re.compile(
     r"(?!\x1b\[[0-9;]*m)[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]|\r(?!\n)"
 )
@@ -27,9 +26,9 @@ def short(text: str) -> str:
 
 def require_name(name: object) -> None:
     """Raise `InputError` for what is no short printable text: names reach terminals and files."""
-    if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= MAX_PART_NAME_CHARACTERS:
+    if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= MAX_NAME_CHARACTERS:
         raise InputError(
-            f"Expected the name of an arm, a camera or a target of 1 to {MAX_PART_NAME_CHARACTERS} printable "
+            f"Expected the name of an arm, a camera or a target of 1 to {MAX_NAME_CHARACTERS} printable "
             f"characters, got {name!a:.60}."
         )
 

@@ -17,7 +17,7 @@ from ...model.noise.models import PairNoise
 from ..procrustes.degeneracy import MIN_SPREAD_RATIO, NO_ROTATION
 from ..procrustes.limit import solve_limit, solve_moments
 from ..procrustes.sensitivity import LimitDerivatives
-from .method import Derivatives, Estimate, Method, closed_form, published, require
+from .method import Derivatives, Estimate, Functions, Method, closed_form, published, require
 from .moments import Factors, Moments, MomentSolver
 from .quaternions import (
     Signs,
@@ -32,20 +32,19 @@ from .quaternions import (
 from .separated import require_two_axes
 
 
-class _Limit:
+def _limit(A: Array, B: Array, noise: PairNoise | None) -> Estimate:
     """Wu, Sun, Wang and Liu (2019): 4D Procrustes analysis, in the limit of its scaling factor (`procrustes`)."""
+    return closed_form(solve_limit(A, B))
 
-    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        return closed_form(solve_limit(A, B))
 
-    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
-        return lambda trials: LimitDerivatives(X[trials], checked=True)
+def _of_limit(A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
+    return lambda trials: LimitDerivatives(X[trials], checked=True)
 
 
 FOURDPA = Method(
     **published("4dpa"),
-    solver=_Limit(),
-    mathematics=_Limit.__doc__,
+    solver=Functions(_limit, _of_limit),
+    mathematics=_limit.__doc__,
 )
 
 

@@ -84,14 +84,6 @@ class Derivatives(Protocol):
     def weight(self, N: int) -> Array: ...
 
 
-class Solver(Protocol):
-    """The mathematics of a method, on checked motions (T, N, 4, 4)."""
-
-    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate: ...
-
-    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]: ...
-
-
 # d (xi_A, xi_B) / dz (m, 12, k) of some pairs, for independent standard normal z
 ErrorFactors = Callable[[slice], Array]
 
@@ -111,12 +103,21 @@ class LimitedCovariance(NamedTuple):
     share: float  # of the information, in the direction where it is largest, to which that limit does not apply
 
 
-class SolverWithCovariance(Solver, Protocol):
-    """A method whose X is no smooth function of the data, so that derivatives alone do not give its covariance."""
+class Solver(Protocol):
+    """The mathematics of a method, on checked motions (T, N, 4, 4): two functions, or a `MomentSolver`."""
 
-    def covariance(
-        self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors
-    ) -> LimitedCovariance: ...
+    @property
+    def estimate(self) -> Callable[[Array, Array, PairNoise | None], Estimate]: ...
+
+    @property
+    def derivatives(self) -> Callable[[Array, Array, PairNoise | None, Array], Callable[[slice], Derivatives]]: ...
+
+
+class Functions(NamedTuple):
+    """A `Solver` by its functions."""
+
+    estimate: Callable[[Array, Array, PairNoise | None], Estimate]
+    derivatives: Callable[[Array, Array, PairNoise | None, Array], Callable[[slice], Derivatives]]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -161,7 +162,13 @@ class Method(Published):
     mathematics: str | None  # the model, and what was chosen where the publication leaves it open
     extra: str | None = None  # the optional extra of the package that it needs
     weighted: bool = False  # whether X depends on the noise model
-    smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives only on average
+    # of X (4, 4) by A and B (N, 4, 4), where X is no smooth function of the data; derivatives are then those on average
+    covariance: Callable[[Array, Array, Array, PairNoise | ErrorFactors | PoseFactors], LimitedCovariance] | None = None
+
+    @property
+    def smooth(self) -> bool:
+        """Whether X is differentiable by the data, so that derivatives give its covariance."""
+        return self.covariance is None
 
     @property
     def description(self) -> str:

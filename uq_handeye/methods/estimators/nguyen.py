@@ -48,7 +48,7 @@ from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.pairs import MotionsLike, as_pairs, trial_blocks
 from .gauss_newton import PUBLISHED_ITERATIONS, Stop
-from .method import Derivatives, Estimate, Method, published
+from .method import Derivatives, Estimate, Functions, Method, published
 from .nguyen_stages import (
     CrossTerm,
     Moved,
@@ -254,21 +254,19 @@ def _solve(
     )
 
 
-class _Solver:
-    """The default variant among the other methods."""
+def _by_default(A: Array, B: Array, noise: PairNoise | None) -> Estimate:
+    result = nguyen(A, B, noise)
+    return Estimate(result.X, result.converged, result.iterations.sum(axis=-1))
 
-    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        result = nguyen(A, B, noise)
-        return Estimate(result.X, result.converged, result.iterations.sum(axis=-1))
 
-    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
-        at = covariances_at(A, B, X, noise, "derived")
-        return lambda trials: NguyenDerivatives(at, noise, trials)
+def _derivatives(A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
+    at = covariances_at(A, B, X, noise, "derived")
+    return lambda trials: NguyenDerivatives(at, noise, trials)
 
 
 METHOD = Method(
     **published("nguyen"),
-    solver=_Solver(),
+    solver=Functions(_by_default, _derivatives),
     mathematics=__doc__,
     weighted=True,
 )

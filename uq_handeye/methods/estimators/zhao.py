@@ -48,7 +48,16 @@ from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, HALF_DIGITS, SOLUTION_
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
-from .method import Derivatives, ErrorFactors, Estimate, LimitedCovariance, Method, PoseFactors, published
+from .method import (
+    Derivatives,
+    ErrorFactors,
+    Estimate,
+    Functions,
+    LimitedCovariance,
+    Method,
+    PoseFactors,
+    published,
+)
 from .quaternions import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
 # Number of motions above which a linear program takes too long.
@@ -99,32 +108,22 @@ def _by_errors(T: Array, dual: Array) -> Array:
     return D
 
 
-class LinearPrograms:
-    """A `Solver`: the estimate, and in place of derivatives a covariance."""
-
-    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        if A.shape[1] > MAX_PAIRS_OF_PROGRAM:
-            raise InputError(
-                f"Expected at most {MAX_PAIRS_OF_PROGRAM} motions with method 'zhao', whose linear programs grow with "
-                f"them; got {A.shape[1]}. Leave some out, or use another method."
-            )
-        start = LU.solver.estimate(A, B, None).X
-        found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
-        X, converged, iterations = zip(*found, strict=True) if found else ((), (), ())
-        return Estimate(
-            np.array(X).reshape(-1, 4, 4), np.array(converged, dtype=bool), np.array(iterations, dtype=np.intp)
+def _by_linear_programs(A: Array, B: Array, noise: PairNoise | None) -> Estimate:
+    if A.shape[1] > MAX_PAIRS_OF_PROGRAM:
+        raise InputError(
+            f"Expected at most {MAX_PAIRS_OF_PROGRAM} motions with method 'zhao', whose linear programs grow with "
+            f"them; got {A.shape[1]}. Leave some out, or use another method."
         )
+    start = LU.solver.estimate(A, B, None).X
+    found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
+    X, converged, iterations = zip(*found, strict=True) if found else ((), (), ())
+    return Estimate(np.array(X).reshape(-1, 4, 4), np.array(converged, dtype=bool), np.array(iterations, dtype=np.intp))
 
-    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
-        if noise is None:
-            raise InputError("Method 'zhao' has no derivatives but those of a noise model.")
-        return lambda trials: Regression(A[trials], B[trials], X[trials], noise)
 
-    def covariance(
-        self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors
-    ) -> LimitedCovariance:
-        """`lad_covariance` of one problem: A and B (N, 4, 4), X (4, 4)."""
-        return lad_covariance(A, B, X, noise)
+def _on_average(A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
+    if noise is None:
+        raise InputError("Method 'zhao' has no derivatives but those of a noise model.")
+    return lambda trials: Regression(A[trials], B[trials], X[trials], noise)
 
 
 class Regression:
@@ -342,7 +341,7 @@ def _solve_limited(x: Array, variance: Array, scores: Array, start: float = 100.
 
 METHOD = Method(
     **published("zhao"),
-    solver=LinearPrograms(),
+    solver=Functions(_by_linear_programs, _on_average),
     mathematics=__doc__,
-    smooth=False,
+    covariance=lad_covariance,
 )

@@ -9,7 +9,7 @@ joint or not, and noise of poses treated as if it were independent for each pair
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,8 @@ from ..procrustes.sensitivity import cross_rows, trials_first
 _EYE = np.eye(3)
 
 
-class DataSide(Protocol):
-    """Accumulator of F Sigma F^T from the derivatives F (2, 6, 6, T, m) of block after block of pairs."""
-
-    def add(self, F: Array, pairs: slice) -> None: ...
-
-    def covariance(self) -> Array: ...
-
-
+# Accumulator of F Sigma F^T: its `add` takes the derivatives F (2, 6, 6, T, m) of block after block of pairs.
+DataSide: TypeAlias = "Independent | Shared | Unshared"
 Start = Callable[[slice], DataSide]
 
 

@@ -42,7 +42,6 @@ from ..estimators.method import (
     ErrorFactors,
     Method,
     PoseFactors,
-    SolverWithCovariance,
     explained,
     require_converged,
 )
@@ -256,8 +255,7 @@ def _problem(
 
 def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> tuple[Array, list[Finding]]:
     """The covariances (T, 6, 6) of an X that is no smooth function of the data, and what speaks against them."""
-    solver = cast(SolverWithCovariance, method.solver)
-    assert problem.X is not None and problem.weights is not None
+    assert method.covariance is not None and problem.X is not None and problem.weights is not None
     pairs_share = problem.noise.ITEM == "pose" and kind != "pairs"
     count, item = problem.A.shape[1], "pairs"
     if pairs_share:
@@ -278,6 +276,6 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
             else:
                 noise = PoseFactors(side.pairs, side.pose_factors)
         with explained(method.name):
-            found.append(solver.covariance(A, B, X, noise))
+            found.append(method.covariance(A, B, X, noise))
     findings = find_few(method, count, item) + find_precise_residuals(method, max(each.share for each in found))
     return np.stack([each.value for each in found]), findings

@@ -3,7 +3,7 @@
 Two kinds of methods have a covariance that may be off by factors though that of every other is exact to first order:
 
 - One whose X is no smooth function of the data has a covariance in the limit of many data
-  (`estimators.method.SolverWithCovariance`), and says which share of the information that limit does not cover.
+  (`estimators.method.Method.covariance`), and says which share of the information that limit does not cover.
 - One that weights by the noise is differentiated with its weights held fixed, as their derivatives multiply residuals.
   These terms count where the error of X is curved, `bend`.
 """

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED, UNUSUAL
-from ...core.numbers.limits import MAX_FOCAL_SD_SHARE
+from ...core.numbers.limits import MAX_FOCAL_SD_SHARE, MIN_POSES
 from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
@@ -46,8 +46,6 @@ from .models import LINEAR, MODELS
 from .residual_pattern import Pattern, pattern_of
 from .result import CameraCalibration
 
-# Pictures that must remain where others are left out as a whole.
-MIN_PICTURES = 3
 # Shifts of corners by bent edges below this are not reported.
 MIN_SHIFT_PX = 0.001
 # Fits after which the places of discs no longer follow the camera; two or three suffice.
@@ -189,7 +187,7 @@ def _adjusted(
 ) -> _Adjusted:
     """Return the best camera for the corners, once wrong pictures and corners are left out."""
     wrong: list[str] = []
-    if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= MIN_PICTURES:
+    if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= MIN_POSES:
         wrong += np.array(corners.names)[bad].tolist()
         corners = _rejected(corners, bad)
     shapes = _shapes(shape, corners)
@@ -197,7 +195,7 @@ def _adjusted(
     taken, rounds = np.zeros((corners.m, 2)), 0  # seen centres of discs less the images of their centres
     while True:
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
-        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= MIN_PICTURES:
+        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= MIN_POSES:
             wrong += np.array(corners.names)[bad].tolist()
             taken = taken[~bad[corners.picture]]
             corners = _rejected(corners, bad)

@@ -59,8 +59,7 @@ class FreshNoise(Record):
         return self
 
 
-@dataclass(frozen=True, eq=False)
-class SizePoints(ReadOnlyArrays):
+class SizePoints(NamedTuple):
     """Points of the open sizes, with the Gaussian of each relative to the posterior; see the module."""
 
     keys: tuple[ErrorKey, ...]  # (k,) of the errors whose sizes are open

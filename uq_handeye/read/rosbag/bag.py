@@ -22,8 +22,8 @@ from ...core.files.open import reason, require_size, shown
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_MESSAGE_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
-from .decompression import TooLarge, bound_the_reader
-from .mcap import MCAP_MAGIC, McapChannel, McapError, McapFile
+from .decompression import DamagedError, bound_the_reader
+from .mcap import MCAP_MAGIC, McapChannel, McapFile
 from .message_types import Decoder, NotRead, RosMessage, Types, kind_of, type_name
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def _require_bag(path: Path, name: str) -> None:
 
 
 def _unreadable(name: str, in_folder: bool, error: BaseException) -> str:
-    if isinstance(error, McapError | TooLarge):
+    if isinstance(error, DamagedError):
         return f"{name}: not a bag that can be read ({_words(error)}); mcap doctor says more of it"
     hint = "a bag that was cut off is mended by rosbag reindex, ros2 bag reindex or mcap recover"
     if in_folder:

@@ -25,13 +25,11 @@ if TYPE_CHECKING:
 MAX_CHUNK_BYTES = 100_000_000
 # Poses compress by a factor of 2 to 10.
 MAX_COMPRESSION_RATIO = 100
+TOO_LARGE = "a compressed part holds more than {:g} MB"
 
 
-class TooLarge(ValueError):
-    """Error of a compressed part that holds more than any recorder puts into one."""
-
-    def __init__(self, limit: float) -> None:
-        super().__init__(f"a compressed part holds more than {limit / 1e6:g} MB")
+class DamagedError(ValueError):
+    """Data of a recording that are damaged, cut off or beyond a limit, in a few words."""
 
 
 class Decompressor(Protocol):
@@ -56,7 +54,7 @@ def unpacked(make: Callable[[], Decompressor], data: bytes, *_: int) -> bytes:
         frame = make()
         content += frame.decompress(rest, max_length=MAX_CHUNK_BYTES + 1 - len(content))
         if len(content) > MAX_CHUNK_BYTES:
-            raise TooLarge(MAX_CHUNK_BYTES)
+            raise DamagedError(TOO_LARGE.format(MAX_CHUNK_BYTES / 1e6))
         if not frame.eof:
             raise ValueError("a compressed part is cut off")
         rest = frame.unused_data or b""
@@ -77,7 +75,7 @@ class _Bounded(io.RawIOBase):
         data = self.file.read(len(view))
         self.left -= len(data)
         if self.left < 0:
-            raise TooLarge(self.limit)
+            raise DamagedError(TOO_LARGE.format(self.limit / 1e6))
         view[: len(data)] = data
         return len(data)
 

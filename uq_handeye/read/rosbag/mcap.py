@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
-from .decompression import MAX_CHUNK_BYTES, TooLarge, decompressors
+from .decompression import MAX_CHUNK_BYTES, TOO_LARGE, DamagedError, decompressors
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 # Opcode and length before each record; size of the footer with the end of the file.
@@ -53,10 +53,6 @@ class Opcode(IntEnum):
 
 
 OPCODES = frozenset(Opcode)
-
-
-class McapError(ValueError):
-    """A file that is damaged or beyond a limit, in a few words."""
 
 
 class McapChannel(NamedTuple):
@@ -96,10 +92,10 @@ class McapFile:
         self.start_time, self.end_time = 2**63 - 1, 0  # ns
         self.size = os.fstat(self.file.fileno()).st_size
         if self.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-            raise McapError("the first bytes are not those of MCAP")
+            raise DamagedError("the first bytes are not those of MCAP")
         opcode, place, length = _record(self.file, len(MCAP_MAGIC), self.size) or (0, 0, 0)
         if opcode != Opcode.HEADER:
-            raise McapError("the file has no header")
+            raise DamagedError("the file has no header")
         self.file.seek(place)
         self.profile = _Fields(self.file.read(min(length, 4096))).text()
         self.start = self.end = place + length
@@ -109,7 +105,7 @@ class McapFile:
             self.schemas, self.channels, self.chunks = {}, {}, []
             self._scan()
         if self.cut and not self.channels:
-            raise McapError("the file was cut off before its first message")
+            raise DamagedError("the file was cut off before its first message")
         self.connections = [one._replace(msgcount=self.counts[key]) for key, one in self.channels.items()]
         self.message_count = self.counts.total()
 
@@ -163,13 +159,13 @@ class McapFile:
     def _describe(self, opcode: int, fields: _Fields) -> None:
         """Take the record of a type or of a channel."""
         if len(self.schemas) + len(self.channels) > MAX_CHANNELS:
-            raise McapError(f"more than {MAX_CHANNELS} types and channels")
+            raise DamagedError(f"more than {MAX_CHANNELS} types and channels")
         (key,) = fields.numbers("<H")
         if opcode == Opcode.SCHEMA:
             self.schemas[key] = name, _, data = fields.text(), fields.text(), fields.bytes()
             self.described += len(name) + len(data)
             if self.described > MAX_DESCRIPTION_BYTES:
-                raise McapError(f"definitions of more than {MAX_DESCRIPTION_BYTES / 1e6:g} MB")
+                raise DamagedError(f"definitions of more than {MAX_DESCRIPTION_BYTES / 1e6:g} MB")
             return
         (schema,) = fields.numbers("<H")
         topic, encoding = fields.text(), fields.text()
@@ -197,7 +193,7 @@ class McapFile:
                 if not chunk.channels or chunk.channels & wanted:
                     found = _record(self.file, chunk.place, self.size)
                     if found is None or found[0] != Opcode.CHUNK:
-                        raise McapError(f"the index names a chunk at byte {chunk.place}, where there is none")
+                        raise DamagedError(f"the index names a chunk at byte {chunk.place}, where there is none")
                     yield from self._in_chunk(found[1], found[2])
             return
         place = self.start
@@ -214,12 +210,12 @@ class McapFile:
                 yield opcode, self._read(place, length)
             place += length
         if not self.cut:
-            raise McapError(f"the record at byte {place} is damaged")
+            raise DamagedError(f"the record at byte {place} is damaged")
         yield from self._in_cut_chunk(place)
 
     def _read(self, place: int, length: int) -> bytes:
         if length > MAX_CHUNK_BYTES:
-            raise TooLarge(MAX_CHUNK_BYTES)
+            raise DamagedError(TOO_LARGE.format(MAX_CHUNK_BYTES / 1e6))
         self.file.seek(place)
         return self.file.read(length)
 
@@ -229,10 +225,10 @@ class McapFile:
         compression = fields.text()
         (packed,) = fields.numbers("<Q")
         if compression not in decompressors():
-            raise McapError(f"a chunk is compressed by {compression[:20]!r}, which is not known")
+            raise DamagedError(f"a chunk is compressed by {compression[:20]!r}, which is not known")
         content = decompressors()[compression](fields.rest(packed), size)
         if len(content) != size or (checksum and crc32(content) != checksum):
-            raise McapError("a chunk is damaged: its size or checksum is wrong")
+            raise DamagedError("a chunk is damaged: its size or checksum is wrong")
         yield from _inner(content)
 
     def _in_cut_chunk(self, place: int) -> Iterator[tuple[int, bytes]]:
@@ -282,7 +278,7 @@ class _Fields:
     def rest(self, length: int) -> bytes:
         """Return so many bytes."""
         if self.place + length > len(self.data):
-            raise McapError("a record is cut off")
+            raise DamagedError("a record is cut off")
         self.place += length
         return self.data[self.place - length : self.place]
 

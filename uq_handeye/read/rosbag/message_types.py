@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ...core.files.trees import parse_toml, parse_tree
 from ...core.numbers.limits import MAX_MESSAGE_BYTES
 from ...formats.ros_messages import printed_name
+from .decompression import DamagedError
 from .mcap import McapChannel
-from .protobuf import MessageTypes, ProtobufError
+from .protobuf import MessageTypes
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -154,7 +155,7 @@ class Types:
 def parse_message(data: bytes) -> RosMessage:
     """Return a message in JSON as nested dicts."""
     if len(data) > MAX_MESSAGE_BYTES:
-        raise ProtobufError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
+        raise DamagedError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
     return parse_tree(bytes(data), "a message in JSON")
 
 

@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
+from ...core.files.trees import MAX_DEPTH
 from ...core.numbers.limits import MAX_LISTED, MAX_MESSAGE_BYTES
+from .decompression import DamagedError
 
 Decoded: TypeAlias = dict[str, "Value"]
 Value: TypeAlias = float | int | str | bytes | Decoded | list["Value"]
-
-# Messages within messages; those that are read have four levels.
-MAX_MESSAGE_DEPTH = 32
 
 
 class WireType(IntEnum):
@@ -53,14 +52,6 @@ class FieldType(IntEnum):
     SINT64 = 18
 
 
-class Label(IntEnum):
-    """Repetition of a field in a descriptor: a list or not."""
-
-    OPTIONAL = 1
-    REQUIRED = 2
-    REPEATED = 3
-
-
 # Format of the numbers of fixed length by their type.
 _FIXED: dict[int, str] = {
     FieldType.DOUBLE: "<d",
@@ -72,10 +63,6 @@ _FIXED: dict[int, str] = {
 }
 # Defaults of types that are no integers.
 _ZEROS: dict[int, Value] = {FieldType.TEXT: "", FieldType.BINARY: b"", FieldType.DOUBLE: 0.0, FieldType.FLOAT: 0.0}
-
-
-class ProtobufError(ValueError):
-    """Data or descriptors that are damaged, cut off or beyond a limit."""
 
 
 class Field(NamedTuple):
@@ -93,7 +80,7 @@ class MessageTypes:
 
     def __init__(self, descriptors: bytes) -> None:
         if len(descriptors) > MAX_MESSAGE_BYTES:
-            raise ProtobufError(f"descriptors of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
+            raise DamagedError(f"descriptors of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
         self.fields: dict[str, dict[int, Field]] = {}
         for file in _all(descriptors, 1):
             package = _text(file, 2)
@@ -102,26 +89,26 @@ class MessageTypes:
 
     def _add(self, descriptor: bytes, parent: str, depth: int) -> None:
         """Take a ``DescriptorProto`` and those that are nested in it."""
-        if depth > MAX_MESSAGE_DEPTH:
-            raise ProtobufError(f"types nested more than {MAX_MESSAGE_DEPTH} deep")
+        if depth > MAX_DEPTH:
+            raise DamagedError(f"types nested more than {MAX_DEPTH} deep")
         name = f"{parent}.{_text(descriptor, 1)}".strip(".")
         self.fields[name] = dict(map(_field, _all(descriptor, 2)))
         for inner in _all(descriptor, 3):
             self._add(inner, name, depth + 1)
 
     def decoder(self, name: str) -> Callable[[bytes], Decoded]:
-        """Return the function that decodes messages of a type; raises `ProtobufError` if there is no such type."""
+        """Return the function that decodes messages of a type; raises `DamagedError` if there is no such type."""
         if name not in self.fields:
             known = ", ".join(list(self.fields)[:MAX_LISTED]) or "none"
-            raise ProtobufError(f"its descriptors have no type {name[:80]!r}, but {known}")
+            raise DamagedError(f"its descriptors have no type {name[:80]!r}, but {known}")
         return lambda data: self._decoded(bytes(data), name, 0)
 
     def _decoded(self, data: bytes, name: str, depth: int) -> Decoded:
-        if len(data) > MAX_MESSAGE_BYTES or depth > MAX_MESSAGE_DEPTH:
-            raise ProtobufError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB or {MAX_MESSAGE_DEPTH} levels")
+        if len(data) > MAX_MESSAGE_BYTES or depth > MAX_DEPTH:
+            raise DamagedError(f"a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB or {MAX_DEPTH} levels")
         fields = self.fields.get(name)
         if fields is None:
-            raise ProtobufError(f"its descriptors lack the type {name[:80]!r}")
+            raise DamagedError(f"its descriptors lack the type {name[:80]!r}")
         lists: dict[str, list[Value]] = {field.name: [] for field in fields.values() if field.repeated}
         single = {field.name: field.default for field in fields.values() if not field.repeated}
         found: Decoded = {one: value for one, value in single.items() if value is not None} | lists
@@ -147,7 +134,7 @@ class MessageTypes:
             data = _bytes(value)
             size = struct.calcsize(_FIXED[field.type])
             if not data or len(data) % size:
-                raise ProtobufError(f"the field {field.name[:80]!r} has {len(data)} bytes")
+                raise DamagedError(f"the field {field.name[:80]!r} has {len(data)} bytes")
             return [one for (one,) in struct.iter_unpack(_FIXED[field.type], data)]
         raw = [value] if isinstance(value, int) else list(_varints(value))
         return [_integer(one, field.type) for one in raw]
@@ -160,7 +147,7 @@ def _field(descriptor: bytes) -> tuple[int, Field]:
     optional = bool(numbers.get(17, 0))
     zero = _ZEROS.get(kind, 0)
     default = None if kind in (FieldType.MESSAGE, FieldType.GROUP) or optional else zero
-    repeated = numbers.get(4, Label.OPTIONAL) == Label.REPEATED
+    repeated = numbers.get(4) == 3  # its label: repeated
     return numbers.get(3, 0), Field(_text(descriptor, 1), kind, _text(descriptor, 6).lstrip("."), repeated, default)
 
 
@@ -178,9 +165,9 @@ def _entries(data: bytes) -> Iterator[tuple[int, int | bytes]]:
         if wire == WireType.BYTES:
             length, place = _varint(data, place)
         if length is None:
-            raise ProtobufError(f"an entry of the wire type {wire}")
+            raise DamagedError(f"an entry of the wire type {wire}")
         if place + length > len(data):
-            raise ProtobufError("a message that is cut off")
+            raise DamagedError("a message that is cut off")
         yield number, data[place : place + length]
         place += length
 
@@ -192,7 +179,7 @@ def _varint(data: bytes, place: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << (7 * k)
         if byte < 0x80:
             return value & (2**64 - 1), place + k + 1
-    raise ProtobufError("a number that is cut off")
+    raise DamagedError("a number that is cut off")
 
 
 def _varints(data: bytes) -> Iterator[int]:
@@ -223,5 +210,5 @@ def _text(data: bytes, number: int) -> str:
 
 def _bytes(value: int | bytes) -> bytes:
     if isinstance(value, int):
-        raise ProtobufError("a number in place of a text or a message")
+        raise DamagedError("a number in place of a text or a message")
     return value

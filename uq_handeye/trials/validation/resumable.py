@@ -27,7 +27,6 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -66,19 +65,6 @@ def _keeping() -> Iterator[None]:
         yield
     except InputError as error:
         raise NotKeptError(str(error)) from error
-
-
-@dataclass(frozen=True, kw_only=True)
-class Kept:
-    """Folder that stores a run, and the display of its progress."""
-
-    directory: str | os.PathLike[str] | None = None
-    resume: bool = False
-    progress: bool = False
-
-    def kept(self, identity: Mapping[str, Json], kind: str, **more: Any) -> Run:
-        """Return the run of that identity in the folder; parameters as for `Run`."""
-        return Run(self.directory, identity, self.resume, kind, **more)
 
 
 def versions() -> dict[str, str]:

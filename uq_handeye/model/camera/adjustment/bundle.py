@@ -37,7 +37,7 @@ from ..board_shape import BoardShape
 from ..corners import MAX_PIXELS, Corners
 from ..measured_board import MeasuredBoard
 from ..models import CameraModel, Projected
-from .variable_projection import MAX_NUMBERS_TOGETHER, Minimum, minimised
+from .variable_projection import MAX_NUMBERS_TOGETHER, Minimum, Problem, minimised
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,29 +224,6 @@ class Sight:
         return turned, self.model.project(parameters[:k], points.mT, free), in_front
 
 
-class _Problem:
-    """The free parameters are the values of `variable_projection`, the camera poses its blocks."""
-
-    def __init__(self, unknowns: BundleUnknowns, sight: Sight, parameters: Array) -> None:
-        self.unknowns, self.sight, self.parameters, self.free = unknowns, sight, parameters, unknowns.free
-
-    def all(self, values: Array) -> Array:
-        """All parameters (p,)."""
-        parameters = self.parameters.copy()
-        parameters[self.free] = values
-        return parameters
-
-    @property
-    def m(self) -> int:
-        return 2 * int(self.sight.weights.shape[1])
-
-    def rows(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array, Array]:
-        return self.sight.pictures(part).rows(self.all(values), blocks, self.free)
-
-    def moved(self, blocks: Array, step: Array) -> Array:
-        return perturb(blocks, step)
-
-
 def adjust(
     unknowns: BundleUnknowns,
     corners: Corners,
@@ -265,13 +242,20 @@ def adjust(
     used = np.ones(corners.m, dtype=bool) if used is None else used
     weights = np.ones(corners.n) if weights is None else weights
     sight = Sight.of(unknowns.model, unknowns.shape, corners, used * np.sqrt(weights)[corners.picture])
-    problem, prior = _Problem(unknowns, sight, start[0].copy()), unknowns.prior
-    values, poses = start[0][unknowns.free], start[1]
+    parameters, free, prior = start[0].copy(), unknowns.free, unknowns.prior
+
+    def rows(values: Array, poses: Array, part: slice) -> tuple[Array, Array, Array]:
+        parameters[free] = values
+        return sight.pictures(part).rows(parameters, poses, free)
+
+    problem = Problem(2 * int(sight.weights.shape[1]), rows, perturb)
+    values, poses = parameters[free], start[1]
     s = 1.0 if pixel_noise is None else pixel_noise
     rounds = 1 if prior is None or pixel_noise is not None else 4
     for _ in range(rounds):
-        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, unknowns.free, s))
-        bundle = _bundle(problem, corners, used, weights, found, pixel_noise)
+        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, free, s))
+        parameters[free] = found.values
+        bundle = _bundle(unknowns, sight, parameters.copy(), corners, used, weights, found, pixel_noise)
         values, poses = found.values, found.blocks
         if abs(bundle.pixel_noise - s) <= 1e-3 * s:
             break
@@ -317,7 +301,9 @@ def prior_rows(prior: Prior, free: NDArray[np.bool_], s: float) -> tuple[Array, 
 
 
 def _bundle(
-    problem: _Problem,
+    unknowns: BundleUnknowns,
+    sight: Sight,
+    parameters: Array,
     corners: Corners,
     used: NDArray[np.bool_],
     weights: Array,
@@ -325,14 +311,13 @@ def _bundle(
     pixel_noise: float | None,
 ) -> Bundle:
     """The covariances at the minimum."""
-    free, poses, sight = problem.free, found.blocks, problem.sight
+    free, poses = unknowns.free, found.blocks
     freedom = 2 * int(used.sum()) - 6 * len(poses) - int(free.sum())
-    parameters = problem.all(found.values)
     off = sight.pixels.mT - sight.predicted(parameters, poses)
     squares = float(np.sum((sight.weights[..., None] * off) ** 2))
     s = pixel_noise if pixel_noise is not None else float(np.sqrt(squares / max(freedom, 1)))
     information = found.information / s**2
-    if (prior := problem.unknowns.prior) is not None:
+    if (prior := unknowns.prior) is not None:
         information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
     p = len(free)
     covariance, by_parameters = np.zeros((p, p)), np.zeros((len(poses), 6, p))
@@ -340,7 +325,7 @@ def _bundle(
     by_parameters[..., free] = found.G
     own = s**2 * np.linalg.inv(found.V)
     return Bundle(
-        problem.unknowns,
+        unknowns,
         parameters,
         poses,
         off[corners.picture, corners.place],

@@ -21,7 +21,8 @@ minimum. That step needs no further evaluation.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,18 +37,13 @@ MAX_NUMBERS_TOGETHER = 2**18
 Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
 
 
-class Problem(Protocol):
-    """Minimisation problem."""
+class Problem(NamedTuple):
+    """Minimisation problem over values (f,) and a block of each picture, such as its pose."""
 
-    @property
-    def m(self) -> int:
-        """Rows of a picture."""
-
-    def rows(self, values: Array, blocks: Array, part: slice) -> Rows:
-        """Residuals and derivatives of a part of the pictures, with its ``blocks``; rows that do not count are 0."""
-
-    def moved(self, blocks: Array, step: Array) -> Array:
-        """The blocks (n, ...) after a step (n, 6)."""
+    m: int  # rows of a picture
+    # residuals and derivatives of a part of the pictures, with its poses; rows that do not count are 0
+    rows: Callable[[Array, Array, slice], Rows]
+    moved: Callable[[Array, Array], Array]  # the poses after a step (n, 6)
 
 
 class Minimum(NamedTuple):

@@ -15,9 +15,10 @@ is the same, bit by bit, for any number of workers, for a run that was ended and
 
 from __future__ import annotations
 
+import os
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ....core.files.json_values import Json
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
 from ....core.numbers.rounding import TINY
@@ -40,7 +42,7 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..outcome import noise_of_data, place_of
-from ..resumable import MAX_TRIALS, Kept, Run
+from ..resumable import MAX_TRIALS, Run
 from ..sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .chunks import Chunk, Work, chunk_size, from_bytes, to_bytes
 from .consistency import Sums, consistency
@@ -57,9 +59,15 @@ MAX_WORKERS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Running(Kept):
-    """Workers of the trials of `monte_carlo`, and what is kept of them: nothing of it changes a number."""
+class Running:
+    """Workers of the trials of `monte_carlo`, the folder that stores them, and the display of progress.
 
+    Nothing of it changes a number.
+    """
+
+    directory: str | os.PathLike[str] | None = None
+    resume: bool = False
+    progress: bool = False
     workers: int = 1
     executor: Executor | None = None
 
@@ -69,6 +77,10 @@ class Running(Kept):
             raise InputError(f"Expected `workers` to be at most {MAX_WORKERS:,}, got {self.workers:,}.")
         known = "a concurrent.futures.Executor, such as ProcessPoolExecutor() or distributed.Client().get_executor()"
         require_type("executor", self.executor, (Executor, NoneType), known)
+
+    def kept(self, identity: Mapping[str, Json], kind: str, **more: Any) -> Run:
+        """Return the run of that identity in the folder; parameters as for `Run`."""
+        return Run(self.directory, identity, self.resume, kind, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
