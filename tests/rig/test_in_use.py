@@ -16,7 +16,6 @@ from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_nois
 from uq_handeye.use.maintenance.check_result import ChangeCheck
 from uq_handeye.use.maintenance.check_text import cause_in_words
 from uq_handeye.use.maintenance.update_views import update_rig
-from uq_handeye.use.planning.next_views import RigPlan
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 SIZE = ("0.5mrad", "0.3mm")
@@ -264,14 +263,16 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     old, _ = split(exact, 12)
     result = calibrate_rig(with_noise(old, noise, 1), noise, robust=False)
     found = uq.plan(result, {"arm": exact.arms["arm"].poses}, k=4)
-    errors = [found.error, *(step.error for step in found.steps)]
+    errors = np.sqrt([found.criterion_before, *found.criterion_values])
     assert all(a > b for a, b in itertools.pairwise(errors))
-    assert {step.camera for step in found.steps} <= {"left", "right"}
-    again = RigPlan.from_dict(found.to_dict())
-    assert again.text() == found.text() and len(found.steps) == 4
+    assert {camera for camera, _ in found.views} <= {"left", "right"}
+    assert found.of_cameras.shape == (5, 2, 6, 6) and len(found.to_dict()["steps"]) == len(found.views) == 4
+    np.testing.assert_allclose(found.robot, exact.arms["arm"].poses[found.chosen])
     worst = uq.plan(result, {"arm": np.tile(old.arms["arm"].poses[:1], (5, 1, 1))}, k=4)
-    assert found.steps[-1].error < worst.steps[-1].error
-    assert len(uq.plan(result, k=3, sample=50).steps) == 3
+    assert found.criterion_values[-1] < worst.criterion_values[-1]
+    drawn = uq.plan(result, k=3, sample=50, floor=0.1, tolerance="0.01mm")
+    assert len(drawn.chosen) == 3 and (drawn.robot[:, 2, 3] >= 0.1).all() and "will not reach" in drawn.to_text()
+    assert uq.plan(result, k=1, sample=50, tolerance="20mm,5deg").needed == 0
 
 
 @pytest.mark.slow
@@ -287,7 +288,7 @@ def test_the_public_functions_take_rigs():
     np.testing.assert_allclose(uq.update(result, new).poses, update_rig(result, new).poses)
     for call in (
         lambda: uq.check(result, new, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))),
-        lambda: uq.plan(result, criterion="trace"),
+        lambda: uq.plan(result, criterion="logdet"),
         lambda: uq.calibrate(old, setup="eye-in-hand"),
         lambda: uq.calibrate(old, pairs="consecutive"),
         lambda: uq.calibrate(old, camera_scale="unknown"),

@@ -88,7 +88,7 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
     np.testing.assert_allclose(of[0], of[1])
     assert not uq.check(again, rig).changed
     assert again.predict("left", [0, 0, 0.5], {"arm": rig.arms["arm"].poses[:3]}).points.shape == (3, 1, 3)
-    assert len(uq.plan(again, k=2, sample=20).steps) == 2
+    assert len(uq.plan(again, k=2, sample=20).views) == 2
 
 
 def test_an_mjcf_model_with_its_tip(tmp_path):

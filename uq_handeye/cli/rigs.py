@@ -294,26 +294,3 @@ def predict_into(stored: "RigCalibration", asked: Any, robot: Path | None, as_js
             numbers = " ".join([*(f"{value:>11.3f}" for value in x), *(f"{value:>8.3f}" for value in sd)])
             lines.append(f"{i:>4} {j:>5} {numbers}")
     deliver_answer(data, "\n".join(lines) + "\n", as_json, output, lambda: {"predictions.json": data})
-
-
-def plan_stored_rig(stored: "RigCalibration", asked: Any, as_json: bool, output: Path | None) -> None:
-    """Choose the views of a rig to take next, for ``plan``."""
-    import numpy as np
-
-    from ..read import pose_text
-    from ..read.rig.pose_rows import read_rows
-    from ..use.planning.next_views import plan_rig
-
-    refuse("ROBOT", "--count", "--candidates", "--sample", "--seed")
-    arms = list(stored.rig.arms)
-    candidates = asked.candidates
-    if candidates is not None and len(arms) > 1:
-        raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
-    rows = None if candidates is None else {arms[0]: read_rows(candidates, "robot").poses}
-    found = plan_rig(stored, rows, asked.k, sample=asked.sample, seed=asked.seed)
-    chosen = list(dict.fromkeys(step.candidate for step in found.steps))
-    files = {"plan.json": found.to_json()}
-    for name, T in found.robot.items():
-        stem = "next.csv" if len(arms) == 1 else f"next_{name}.csv"
-        files[stem] = pose_text(np.asarray(T, dtype=float)[chosen], [float(number) for number in chosen])
-    deliver_answer(found.to_json(), found.text(), as_json, output, lambda: files)

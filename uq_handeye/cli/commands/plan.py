@@ -13,12 +13,12 @@ from ..names import CONTROLLER_NAMES
 from ..noise import Given, given_of, require_of_poses
 from ..options import names_of_options
 from ..pose_files import PoseFiles
-from ..rigs import plan_stored_rig
 from ..stored import OneOfRig, is_result, refuse, stored_rig
 from ..values import one_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
+    from ...calibration.rig_result import RigCalibration
     from ...use.planning.result import Plan
 
 # The poses to take, in the folder of -o.
@@ -139,10 +139,9 @@ def plan_command(
         with --joints the joints (rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file
         names one.
     """
-    if chosen == OneOfRig() and (rig := stored_rig(files.robot)) is not None:
-        return plan_stored_rig(rig, planning, as_json, output)
     if files.robot is not None and is_result(files.robot):
-        return _plan_of_result(chosen.read(files.robot), planning, form, as_json, output)
+        rig = stored_rig(files.robot) if chosen == OneOfRig() else None
+        return _plan_of_result(rig or chosen.read(files.robot), planning, form, as_json, output)
     if chosen != OneOfRig():
         raise InputError("--camera and --target need the result of a rig in place of ROBOT. Remove them.")
     from ...calibration.findings import check_input
@@ -182,15 +181,24 @@ def plan_command(
 
 
 def _plan_of_result(
-    stored: "Calibration", planning: Planning, form: str | None, as_json: bool, output: Path | None
+    stored: "Calibration | RigCalibration", planning: Planning, form: str | None, as_json: bool, output: Path | None
 ) -> None:
     """Plan from the posterior of a stored result."""
+    from ...calibration.rig_result import RigCalibration
+    from ...read.rig.pose_rows import read_rows
     from ...read.robot_poses import read_robot_poses
     from ...use.planning.plan import plan
 
     refuse("--as", *names_of_options(Planning), what="a stored result")
     planning.require_possible(None)
-    rows = None if planning.candidates is None else read_robot_poses(planning.candidates, None)[1]
+    rows: Any = None
+    if planning.candidates is not None and isinstance(stored, RigCalibration):
+        arm, *others = stored.rig.arms
+        if others:
+            raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
+        rows = {arm: read_rows(planning.candidates, "robot").poses}
+    elif planning.candidates is not None:
+        rows = read_robot_poses(planning.candidates, None)[1]
     with timed("planning"):
         found = plan(
             stored,
@@ -209,6 +217,8 @@ def _deliver(found: "Plan", form: str | None, as_json: bool, output: Path | None
 
     def written() -> dict[str, str]:
         more = {} if found.form is None else {NEXT_AS: found.to_controller()}
-        return {NEXT: found.to_csv(), "plan.json": found.to_json(), **more}
+        several = len(found.robots) > 1
+        poses = {f"next_{arm}.csv" if several else NEXT: found.to_csv(arm=arm) for arm in found.robots}
+        return {**poses, "plan.json": found.to_json(), **more}
 
     deliver_answer(found.to_json(), found.to_text(), as_json, output, written)

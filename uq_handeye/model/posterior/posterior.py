@@ -183,7 +183,10 @@ class Posterior(ReadOnlyArrays):
         """
         some = np.flatnonzero(np.diag(self.covariance) > 0)
         Q = Q if Q is None else Q[np.ix_(*[some[some < len(Q)]] * 2)]
-        return select(covariance_of(self.covariance[np.ix_(some, some)]), candidates[..., some], k, Q, repeat)
+        found = select(covariance_of(self.covariance[np.ix_(some, some)]), candidates[..., some], k, Q, repeat)
+        whole = np.zeros((len(found.covariances), *self.covariance.shape))
+        whole[:, some[:, None], some] = found.covariances
+        return found._replace(covariances=whole)
 
     # ------------------------------------------------------------------------------------------- file
 

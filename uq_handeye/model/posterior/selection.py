@@ -55,7 +55,7 @@ class Selection(NamedTuple):
     """Poses in the order in which each brings most."""
 
     chosen: NDArray[np.intp]  # (k,) rows
-    covariances: Array  # (k + 1, 6, 6) of X before, and after each
+    covariances: Array  # (k + 1, p, p) of all unknowns before, and after each
     values: Array  # (k + 1,) the criterion
 
 
@@ -66,7 +66,7 @@ def select(information: Array, rows: Array, k: int, Q: Array | None, repeat: boo
     chosen = greedy(information, rows, chosen, k, Q, repeat=False)
     brought = np.cumsum(rows[chosen].mT @ rows[chosen], axis=0)
     covariances = covariance_of(information + np.concatenate([np.zeros_like(brought[:1]), brought]))
-    return Selection(chosen, covariances[:, :6, :6], value(covariances, Q))
+    return Selection(chosen, covariances, value(covariances, Q))
 
 
 def greedy(

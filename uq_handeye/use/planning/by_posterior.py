@@ -30,6 +30,7 @@ from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import TINY
 from ...errors import InputError, require_integer, require_one_of
+from ...fit.likelihood.reference import Reference
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors
 from ...model.noise.estimate import NoisePrior
@@ -157,10 +158,11 @@ def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhea
     form = data.sources[0].format if data.sources and "joints" not in more else ""
     return Plan(
         chosen=chosen,
-        robot=ahead.robot[chosen],
+        views=((data.names.camera, data.names.target),) * len(chosen),
+        robots={data.names.arm: ahead.robot[chosen]},
         camera=camera[chosen],
-        covariance_before=covariances[0],
-        covariances=covariances[1:],
+        cameras=(data.names.camera,),
+        of_cameras=covariances[:, None, :6, :6],
         criterion=str(asked.criterion),
         criterion_before=float(values[0]),
         criterion_values=values[1:],
@@ -187,8 +189,22 @@ def _until_met(known: Known, rows: Array, Q: Array | None, tolerance: Tolerance)
     if len(known.open_directions) or result.posterior is None:
         return None
     _, covariances, _ = result.posterior.choose(rows, MAX_POSES_TO_PASS, Q, repeat=True)
-    for count, S in enumerate(covariances):
-        if probability_within(S, result.reference, tolerance, result.X[:3, :3]) >= MET:
+    return first_within(covariances[:, None, :6, :6], result.reference, tolerance, [result.X])
+
+
+def first_within(of_cameras: Array, reference: Reference, tolerance: Tolerance, poses: Sequence[Array]) -> int | None:
+    """Return after how many poses all cameras meet a tolerance; None: after none.
+
+    Parameters
+    ----------
+    of_cameras : (k + 1, cameras, 6, 6)
+        Covariances before, and after each pose.
+    poses : of the cameras (4, 4)
+    """
+    for count, blocks in enumerate(of_cameras):
+        if all(
+            probability_within(S, reference, tolerance, T[:3, :3]) >= MET for S, T in zip(blocks, poses, strict=True)
+        ):
             return count
     return None
 

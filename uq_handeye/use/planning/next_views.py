@@ -5,99 +5,47 @@ them). The camera should see the target at ``C = P^-1 Q`` of the estimates; cand
 farther, more to the side or more tilted than in the views so far are left out. The rows of the candidate, whitened by
 the noise of robot and camera, and the posterior give the covariance after it; the criterion is the mean square error
 
-    mean over cameras of  L^2 tr Cov(theta) + tr Cov(tau)
+    mean over cameras of  2/3 L^2 tr Cov(theta) + tr Cov(tau)
 
-with L the mean distance of the targets: the mean square error of points at that distance. Views are chosen one after
-the other, then exchanged (`posterior.selection`).
+with L the mean distance of the targets: the mean square error of points at that distance, in all directions. Views are
+chosen one after the other, then exchanged (`posterior.selection`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...calibration.estimate.rig_poses import RigPoses
 from ...calibration.prediction.noise_of_views import new_noise, posterior_of
-from ...core.files.json_files import json_text
-from ...core.files.records import Record
+from ...calibration.statement.tolerance import Tolerance
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError
 from ...fit.graph.graph import Graph, Sides
 from ...fit.graph.noise import RigNoise
 from ...model.noise.cholesky import checked_cholesky, substitute
+from ...model.posterior.selection import weight_of_X
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
+from .by_posterior import MAX_POSES_TO_PASS, PlanRequest, first_within
+from .result import Plan
 
 # A candidate may exceed the distances and angles seen so far by this factor.
 MAX_BEYOND = 1.15
 
 
-@dataclass(frozen=True, eq=False)
-class RigStep(Record):
-    """One view to take: camera, target, number of the candidate, error of the cameras after it (m)."""
+def plan_rig(result: RigPoses, asked: PlanRequest) -> Plan:
+    """Choose the views after which the poses of the cameras have the smallest errors.
 
-    camera: str
-    target: str
-    candidate: int
-    error: float
-
-
-@dataclass(frozen=True, eq=False)
-class RigPlan(Record):
-    """Views to take next, in order.
-
-    ``error``: root mean square error of the cameras before (m), of points at the ``lever`` (m); each step has that
-    after it. ``robot``: candidates (k, 4, 4) by arm.
+    ``asked.candidates``: mapping of names of arms to poses (n, 4, 4), row by row; None: drawn near those of the
+    calibration. Raises `InputError` where at no candidate a camera would see a target as it did before.
     """
-
-    _in_file: ClassVar[str] = "error lever steps robot"
-
-    error: float
-    lever: float
-    steps: tuple[RigStep, ...]
-    robot: dict[str, list[list[list[float]]]]
-
-    def text(self) -> str:
-        """Return a table of the views."""
-        known = f"{1e3 * self.error:.3f} mm (root mean square)"
-        lines = [f"Points {self.lever:.2f} m ahead of the cameras are known to {known}.",
-                 f"{'view':<5} {'camera':<16} {'target':<16} {'pose':>5} {'error (mm)':>11}"]  # fmt: skip
-        for k, step in enumerate(self.steps, 1):
-            row = f"{k:<5} {step.camera:<16} {step.target:<16} {step.candidate:>5} {1e3 * step.error:>11.3f}"
-            lines.append(row)
-        return "\n".join([*lines, "Reach and obstacles are not known. Check each pose before you drive there."]) + "\n"
-
-    def to_json(self) -> str:
-        """Return it as JSON text."""
-        return json_text(self.to_dict())
-
-
-def plan_rig(
-    result: RigPoses, candidates: Mapping[str, ArrayLike] | None = None, k: int = 5, *, sample: int = 200, seed: int = 0
-) -> RigPlan:
-    """Choose the k views after which the poses of the cameras have the smallest errors.
-
-    Parameters
-    ----------
-    result : RigCalibration
-    candidates : mapping of names of arms to poses (n, 4, 4), or None
-        Robot poses to choose from, of all arms row by row; None: drawn near those of the calibration.
-    k : int
-    sample, seed : int
-        Number of candidates drawn, and their seed.
-
-    Raises
-    ------
-    InputError
-        No candidate at which a camera would see a target as it did before.
-    """
-    if k < 1:
-        raise InputError(f"Expected `k` (-k) to be at least 1, got {k}.")
-    robot = _drawn(result.rig, sample, seed) if candidates is None else _given(result.rig, candidates)
+    drawn = asked.candidates is None
+    robot = _drawn(result, asked) if drawn else _given(result.rig, asked.candidates)
     rig, numbers = _candidates(result, robot)
     if not len(numbers):
         raise InputError(
@@ -106,18 +54,49 @@ def plan_rig(
         )
     graph = Graph.of(rig)
     noise = new_noise(result, rig, graph)
-    B = _whitened_alone(graph, graph.linearise(result.poses), noise)
-    lever, cameras = float(result.lever), len(result.cameras)
-    Q = np.zeros((len(B[0, 0]), len(B[0, 0])))
-    weight = np.repeat([lever**2, 1.0], 3) / cameras
-    Q[np.arange(6 * cameras), np.arange(6 * cameras)] = np.tile(weight, cameras)
-    chosen = posterior_of(result).choose(B, min(k, len(B)), Q)
-    errors = np.sqrt(np.maximum(chosen.values, 0.0)).tolist()
-    steps = []
-    for e, after in zip(chosen.chosen.tolist(), errors[1:], strict=True):
-        view = rig.views[graph.view[e]]
-        steps.append(RigStep(view.camera, view.target, int(numbers[e]), after))
-    return RigPlan(errors[0], lever, tuple(steps), {name: T.tolist() for name, T in robot.items()})
+    sides, posterior = graph.linearise(result.poses), posterior_of(result)
+    B = _whitened_alone(graph, sides, noise)
+    names = tuple(result.cameras)
+    length = float(result.lever) if asked.length is None else cast("float", asked.length)
+    Q = np.asarray(np.kron(np.eye(len(names)), weight_of_X(np.eye(4), None, length) / len(names)), dtype=float)
+    found = posterior.choose(B, asked.k if asked.repeat else min(asked.k, len(B)), Q, repeat=asked.repeat)
+    tolerance, needed = cast("Tolerance | None", asked.tolerance), None
+    if tolerance is not None and not len(result.open):
+        until = posterior.choose(B, MAX_POSES_TO_PASS, Q, repeat=True)
+        poses = [one.pose for one in result.cameras.values()]
+        needed = first_within(_of_cameras(until.covariances, len(names)), result.reference, tolerance, poses)
+    views = [rig.views[graph.view[e]] for e in found.chosen.tolist()]
+    return Plan(
+        chosen=numbers[found.chosen],
+        views=tuple((view.camera, view.target) for view in views),
+        robots={name: T[numbers[found.chosen]] for name, T in robot.items()},
+        camera=graph.C[found.chosen],
+        cameras=names,
+        of_cameras=_of_cameras(found.covariances, len(names)),
+        criterion="trace",
+        criterion_before=float(found.values[0]),
+        criterion_values=found.values[1:],
+        length=length,
+        point=None,
+        X=next(iter(result.cameras.values())).pose,
+        W=next(iter(result.targets.values())).pose,
+        setup=None,
+        n_poses=result.rig.n_views,
+        n_candidates=len(next(iter(robot.values()))),
+        sampled=drawn,
+        noise=None,
+        noise_estimated=bool(result.components),
+        open_directions=np.zeros((0, 6)),
+        shared=tuple(dict.fromkeys(str(key.error) for key in posterior.keys)),
+        tolerance=tolerance,
+        needed=needed,
+    )
+
+
+def _of_cameras(covariances: Array, count: int) -> Array:
+    """(k + 1, count, 6, 6) blocks of the cameras, which are the first unknowns."""
+    blocks = covariances[:, : 6 * count, : 6 * count].reshape(-1, count, 6, count, 6)
+    return np.stack([blocks[:, c, :, c] for c in range(count)], axis=1)
 
 
 def _whitened_alone(graph: Graph, sides: Sides, noise: RigNoise) -> Array:
@@ -131,7 +110,9 @@ def _whitened_alone(graph: Graph, sides: Sides, noise: RigNoise) -> Array:
     return substitute(checked_cholesky(S), np.concatenate([graph.by_unknowns(sides), K], axis=-1))
 
 
-def _given(rig: Rig, candidates: Mapping[str, ArrayLike]) -> dict[str, Array]:
+def _given(rig: Rig, candidates: Any) -> dict[str, Array]:
+    if not isinstance(candidates, Mapping):
+        raise InputError("Expected the candidates of a rig as a mapping of names of arms to poses (n, 4, 4).")
     found = {}
     for name, T in candidates.items():
         if name not in rig.arms:
@@ -142,26 +123,35 @@ def _given(rig: Rig, candidates: Mapping[str, ArrayLike]) -> dict[str, Array]:
     return found
 
 
-def _drawn(rig: Rig, sample: int, seed: int) -> dict[str, Array]:
-    """Poses near those of the calibration, inside their box, which is made a little larger."""
+def _drawn(result: RigPoses, asked: PlanRequest) -> dict[str, Array]:
+    """Poses near those of the calibration, inside their box, which is made a little larger, and above the floor."""
+    sample, rig = asked.sample, result.rig
     if sample < 1:
         raise InputError(f"Expected `sample` (--sample) to be at least 1, got {sample}.")
-    rng, found = np.random.default_rng(seed), {}
+    rng, found, kept = np.random.default_rng(asked.seed), dict[str, Array](), np.ones(sample, dtype=bool)
     for name, arm in rig.arms.items():
         number = rng.integers(0, len(arm.poses), sample)
+        lowest = np.full(sample, np.inf)
         if arm.kinematics is not None and arm.joints is not None:  # joints near those so far, which the arm reaches
             q = arm.joints[number] + 0.5 * np.std(arm.joints, axis=0) * rng.normal(size=(sample, arm.joints.shape[1]))
-            found[name] = arm.kinematics.poses(np.clip(q, *arm.kinematics.limits.T))
-            continue
-        near = arm.poses[number]
-        t = arm.poses[:, :3, 3]
-        low, high = t.min(axis=0), t.max(axis=0)
-        spread = 0.15 * float(np.linalg.norm(high - low))
-        moves = np.concatenate([0.25 * rng.normal(size=(sample, 3)), spread * rng.normal(size=(sample, 3))], axis=1)
-        T = perturb(near, moves)
-        T[:, :3, 3] = np.clip(T[:, :3, 3], low - spread, high + spread)
-        found[name] = T
-    return found
+            q = np.clip(q, *arm.kinematics.limits.T)
+            found[name] = T = arm.kinematics.poses(q)
+            lowest = arm.kinematics.frames(q)[:, 1:, 2, 3].min(axis=1)  # the first joint is where it is
+        else:
+            near, t = arm.poses[number], arm.poses[:, :3, 3]
+            low, high = t.min(axis=0), t.max(axis=0)
+            spread = 0.15 * float(np.linalg.norm(high - low))
+            moves = np.concatenate([0.25 * rng.normal(size=(sample, 3)), spread * rng.normal(size=(sample, 3))], axis=1)
+            T = perturb(near, moves)
+            T[:, :3, 3] = np.clip(T[:, :3, 3], low - spread, high + spread)
+            found[name] = T
+        if asked.floor_m is not None:
+            carried = [one.pose for one in result.singles if {**rig.cameras, **rig.targets}.get(one.name) == name]
+            heights = [lowest, T[:, 2, 3], *((T @ pose)[:, 2, 3] for pose in carried)]
+            kept &= np.min(heights, axis=0) >= asked.floor_m
+    if not kept.any():
+        raise InputError("No candidate that is drawn is above the floor. Give candidates, or a lower --floor.")
+    return {name: T[kept] for name, T in found.items()}
 
 
 def _candidates(result: RigPoses, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import Any, cast, overload
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,20 +50,21 @@ from . import text as text  # registers the text of a plan
 from .by_joints import plan_by_joints, plan_within_reach
 from .by_posterior import Known, PlanRequest, planned
 from .candidates import sample_candidates
-from .next_views import RigPlan, plan_rig
+from .next_views import plan_rig
 from .result import Plan
 from .weak_prior import OPEN_SD, WeaklyKnown
 
+# Arguments that a result has answered.
+OF_POSES = ("noise", "shared", "joints", "kinematics", "kinematic_errors", "prior")
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
-@overload
 def plan(
-    data: RigCalibration, candidates: Mapping[str, ArrayLike] | None = None, k: int = ..., **options: Any
-) -> RigPlan: ...
-@overload
-def plan(data: PosePairs | Calibration, candidates: ArrayLike | None = None, k: int = ..., **options: Any) -> Plan: ...
-def plan(data: Any, candidates: ArrayLike | Mapping[str, ArrayLike] | None = None, k: int = 5, **asked: Any) -> Any:
+    data: PosePairs | Calibration | RigCalibration,
+    candidates: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    k: int = 5,
+    **asked: Any,
+) -> Plan:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
@@ -123,9 +124,11 @@ def plan(data: Any, candidates: ArrayLike | Mapping[str, ArrayLike] | None = Non
     """
     require_known("plan", asked, PlanRequest)
     if isinstance(data, RigCalibration):
-        of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
-        require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
-        return plan_rig(data, cast("Mapping[str, ArrayLike] | None", candidates), k, **of_rig)
+        criterion = None if asked.get("criterion") == "trace" else asked.get("criterion")
+        require_left_out(
+            "of a rig", criterion=criterion, **{name: asked.get(name) for name in (*OF_POSES, "point", "task")}
+        )
+        return plan_rig(data, PlanRequest(cast("ArrayLike | None", candidates), k, **asked))
     of_robot = cast("ArrayLike | None", candidates)
     if isinstance(data, Calibration):
         return _plan_of_result(data, PlanRequest(of_robot, k, **asked))
@@ -146,8 +149,7 @@ plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined
 
 def _plan_of_result(result: Calibration, asked: PlanRequest) -> Plan:
     """See `plan`: from a result, which has its poses, noise and shared errors."""
-    names = ("noise", "shared", "joints", "kinematics", "kinematic_errors", "prior")
-    require_left_out("of a calibration", **{name: getattr(asked, name) for name in names})
+    require_left_out("of a calibration", **{name: getattr(asked, name) for name in OF_POSES})
     posterior_of(result)
     data = poses_so_far(result)
     if data is None:

@@ -24,7 +24,7 @@ def headline(plan: Plan) -> str:
     """State in one sentence or two what the poses would bring."""
     k = len(plan.chosen)
     before, after = plan.worst[0], plan.worst[-1]
-    poses = f"{k} more {'pose' if k == 1 else 'poses'} would bring"
+    poses = f"{k} more {_noun(plan)}{'s'[: k != 1]} would bring"
     if len(plan.open_directions):
         parent = plan.frame.split("_T_")[0]
         what = " and ".join(_direction(a) for a in plan.open_directions)
@@ -32,10 +32,15 @@ def headline(plan: Plan) -> str:
             f"The {plan.n_poses} poses so far leave {plan.frame} open: {what} of the {parent} frame. {poses} its "
             f"translation to {_mm(after[1])} mm, its rotation to {_deg(after[0])} deg (standard deviation, worst axis)."
         )
+    worst = "worst camera and axis" if len(plan.cameras) > 1 else "worst axis"
     return (
         f"{poses} the translation of {plan.frame} from {_mm(before[1])} to {_mm(after[1])} mm and its rotation from "
-        f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, worst axis)."
+        f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, {worst})."
     )
+
+
+def _noun(plan: Plan) -> str:
+    return "pose" if plan.setup is not None else "view"
 
 
 def _until_pass(plan: Plan) -> str:
@@ -48,8 +53,8 @@ def _until_pass(plan: Plan) -> str:
             "give the intrinsics or the arm, or accept a larger tolerance."
         )
     if plan.needed == 0:
-        return f"{plan.tolerance} is met by the poses so far: PASS needs no more poses."
-    poses = f"{plan.needed} more {'pose' if plan.needed == 1 else 'poses'} like these"
+        return f"{plan.tolerance} is met by the {_noun(plan)}s so far: PASS needs no more."
+    poses = f"{plan.needed} more {_noun(plan)}{'s'[: plan.needed != 1]} like these"
     return f"PASS for {plan.tolerance} after {poses}, {plan.n_poses + plan.needed} in all, if the checks stay ok."
 
 
@@ -67,7 +72,12 @@ def _table(plan: Plan) -> Table:
 
 
 def _places(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
-    """Columns of the poses or joints: names, units, texts; joints are q1, q2, ... where their names are too long."""
+    """Columns of the poses or joints: names, units, texts; joints are q1, q2, ... where their names are too long.
+
+    Of a rig camera and target, whose robot poses are in the files.
+    """
+    if plan.setup is None:
+        return ["camera", "target"], ["", ""], [list(pair) for pair in plan.views]
     if plan.joints is not None:
         short = max(map(len, plan.joint_names)) <= 8  # letters
         names = list(plan.joint_names) if short else [f"q{k}" for k in range(1, len(plan.joint_names) + 1)]
@@ -92,16 +102,20 @@ def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
 
 
 def _notes(plan: Plan) -> list[str]:
-    origin = "drawn around the target" if plan.sampled else "given"
+    where = "around the target" if plan.setup is not None else "near the poses so far"
+    origin = f"drawn {where}" if plan.sampled else "given"
     form, (names, *_) = CONTROLLERS.get(plan.form or ""), _places(plan)
     what = f"{names[0]} to {names[-1]}: "
-    if plan.joints is not None:
+    if plan.setup is None:
+        what = "camera, target: of the view"
+    elif plan.joints is not None:
         what += f"joints {', '.join(plan.joint_names)}"
     else:
         what += "base_T_gripper" if form is None else f"base_T_gripper as {form.maker} writes it"
     notes = [
         f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. {what}. sd: "
-        "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),
+        f"standard deviation of {'X' if plan.setup is not None else 'the worst camera'} along its worst axis, once the "
+        f"{_noun(plan)} is taken too. " + _criterion(plan),
     ]
     if len(plan.open_directions):
         notes.append(
@@ -109,7 +123,7 @@ def _notes(plan: Plan) -> list[str]:
             f"{WEAK_PRIOR_SD:g} rad, {WEAK_PRIOR_SD:g} m), and the camera may miss the target. Take the first pose, "
             "see that the target is in the image, and plan again."
         )
-    whose = "estimated from the poses so far" if plan.noise_estimated else "given"
+    whose = f"estimated from the {_noun(plan)}s so far" if plan.noise_estimated else "given"
     included = f", and for what all poses share of {', '.join(plan.shared)}" if plan.shared else ""
     if plan.joints is None:
         limits = (
@@ -128,7 +142,8 @@ def _notes(plan: Plan) -> list[str]:
 
 def _criterion(plan: Plan) -> str:
     if plan.length is not None:
-        what = f"of points {_mm(plan.length)} mm from the camera, in all directions"
+        of = "the camera" if len(plan.cameras) == 1 else "each camera"
+        what = f"of points {_mm(plan.length)} mm from {of}, in all directions"
     elif plan.point is not None:
         point = ", ".join(f"{1e3 * x:g}" for x in plan.point)
         what = f"of the point ({point}) mm in camera coordinates, in the {plan.frame.split('_T_')[0]} frame"
