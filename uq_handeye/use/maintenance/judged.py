@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import POWER
 from ...errors import InputError
-from ...fit.likelihood.steps_in_time import MIN_MOMENTS, Step, largest_step, sums_of
+from ...fit.likelihood.steps_in_time import MIN_MOMENTS, Moments, Step, largest_step, sums_of
 from ...model.noise.cholesky import checked_cholesky, substitute
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
 from .causes import Candidate, Causes, compare_candidates
@@ -101,7 +101,8 @@ def _steps(of: Compared) -> list[tuple[str, Step]]:
         each = sums_of(-substitute(B, columns)[some], rest[some])
         sums = np.zeros((len(moments), *each.shape[1:]))
         np.add.at(sums, place, each)
-        step, reference = largest_step(inverse, sums, np.arange(len(moments))), of.reference(columns)
+        bins, reference = Moments.of(np.arange(len(moments))), of.reference(columns)
+        step = largest_step(inverse, np.add.reduceat(sums, bins.first), bins)
         if step is not None:
             tried = len(moments) + 1 - 2 * MIN_MOMENTS
             p = step.p if reference.noise_given else min(1.0, tried * reference.p_value(step.chi_square))
