@@ -102,7 +102,7 @@ def test_commands_take_one_camera_of_a_rig(tmp_path):
         ["posterior", file, *left, "--samples", "100", "--walkers", "16", "--max-steps", "2000"],
     ):
         assert run(*args).returncode == 0, args
-    refused = run("validate", file)
+    refused = run("verify", file, robot)
     assert refused.returncode == 2 and "Choose one: --camera left" in refused.stderr
     refused = run("validate", file, *left, "--robot-noise", "1mrad,1mm")
     assert "--robot-noise: a stored result has its poses and noise" in refused.stderr

@@ -119,6 +119,14 @@ class Session(NamedTuple):
     arm: Annotated[Arm | None, arm_alone]
     chosen: OneOfRig
 
+    def of_camera(self, name: str) -> "Session":
+        """Return the same of one camera of the result of a rig."""
+        return self._replace(chosen=self.chosen._replace(of_camera=name))
+
+    def each(self) -> list[str]:
+        """Return the cameras of the result of a rig in place of ROBOT, where it has several and none is chosen."""
+        return self.chosen.each(self.files.robot)
+
     def stored(self) -> "Calibration | None":
         """Return the result in place of ROBOT, of a rig one camera; None for files of poses."""
         file = self.files.robot

@@ -1,15 +1,21 @@
 """Stored results that a command takes: of one camera, or of a rig, of which one camera is chosen."""
 
+import json
 import re
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
 from .messages import given_options
+from .printing import emit
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..calibration.rig_result import RigCalibration
+    from ..core.files.json_values import Json
 
 # Options that every command takes with a stored result.
 EVERYWHERE = frozenset(
@@ -33,12 +39,20 @@ class OneOfRig(NamedTuple):
 
     Options (Result of a rig):
       of_camera = --camera NAME: Camera of a rig, with the result of one: the marginal of its joint posterior. Default:
-        the only one.
+        each camera in turn; plan: all together; verify: the only one, because touches are of what one camera saw.
       of_target = --target NAME: Target that the camera sees. Default: the one that it sees most often.
     """
 
     of_camera: str | None = None
     of_target: str | None = None
+
+    def each(self, path: Path | None, option: str = "--camera") -> list[str]:
+        """Return the cameras of the result of a rig, where it has several and none is chosen; else none."""
+        found = stored_rig(path) if self.of_camera is None else None
+        cameras = [] if found is None else list(found.rig.cameras)
+        if len(cameras) > 1 and self.of_target is not None:
+            raise InputError(f"--target {self.of_target} is of one camera. Add {option} {cameras[0]}.")
+        return cameras if len(cameras) > 1 else []
 
     def read(self, path: Path) -> "Calibration":
         """Return the result of one camera, or one camera of that of a rig."""
@@ -69,6 +83,31 @@ class OneOfRig(NamedTuple):
         if camera not in (None, *cameras):
             raise InputError(f"{option} {camera}: {path} has {', '.join(cameras)}. Correct the name.")
         return of_camera(found, camera or cameras[0], self.of_target)
+
+
+def run_each(
+    cameras: Sequence[str], as_json: bool, output: Path | None, command: Callable[[str, Path | None], int]
+) -> int:
+    """Run a command for each camera of a rig, with its name and folder, and return the largest exit status.
+
+    Answers are below the names of the cameras; of JSON one object by their names.
+    """
+    from ..core.files.json_files import json_text
+
+    statuses: list[int] = []
+    found: dict[str, Json] = {}
+    for name in cameras:
+        folder = None if output is None else output / name
+        if not as_json:
+            emit(f"{name}:\n" if not statuses else f"\n{name}:\n")
+            statuses.append(command(name, folder))
+            continue
+        with redirect_stdout(StringIO()) as said:
+            statuses.append(command(name, folder))
+        found[name] = json.loads(said.getvalue())
+    if as_json:
+        emit(json_text({"cameras": found}))
+    return max(statuses)
 
 
 def of_rig() -> bool:

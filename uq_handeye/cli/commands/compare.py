@@ -8,6 +8,7 @@ from ..delivery import deliver_answer
 from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..names import EVERY_METHOD
 from ..new_poses import Session
+from ..stored import run_each
 from ..values import methods_of
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def compare_command(
       # Three methods only, differences from Park's
       uq-handeye compare robot.csv camera.csv --methods tsai,park,4dpa \
           --reference park
-      # A stored result, or one camera of a rig
+      # A stored result, one camera of a rig, or without --camera each
       uq-handeye compare result/rig.json --camera left
 
     A method that fails keeps its row, with the reason. The exit status is 2 if
@@ -49,6 +50,15 @@ def compare_command(
     """
     if as_json and as_csv:
         raise InputError("Give either --json or --csv, not both.")
+    if cameras := session.each():
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: compare_command(
+                session.of_camera(name), methods, reference, pairs, as_json, as_csv, folder
+            ),
+        )
     names = None if methods is None else methods_of(methods, "--methods", EVERY_METHOD)
     (base,) = methods_of(reference, "--reference", EVERY_METHOD, most=1)
     poses, noise, shared = session.read()

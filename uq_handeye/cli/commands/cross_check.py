@@ -9,6 +9,7 @@ from ..delivery import REPORTS, deliver_answer, write_report
 from ..exit_status import ExitStatus
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session
+from ..stored import run_each
 from ..values import require_writable
 from .validate import _files_of
 
@@ -46,6 +47,7 @@ def cross_check_command(
       # With known noise
       uq-handeye cross-check robot.csv camera.csv \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+      # One camera of a rig, or without --camera each
       uq-handeye cross-check result/rig.json --camera left
 
     Computes every covariance of X of the same problem and tests the relations
@@ -61,6 +63,15 @@ def cross_check_command(
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
     require_writable(report, "--report", REPORTS)
+    if cameras := session.each():
+        if report is not None:
+            raise InputError(f"--report is of one camera. Add --camera {cameras[0]}.")
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: cross_check_command(session.of_camera(name), work, as_json, folder, None, resume),
+        )
     from ...core.presentation.document import document_of
     from ...trials.validation.cross_check.run import cross_check
     from ...trials.validation.sentences import INTERRUPTED

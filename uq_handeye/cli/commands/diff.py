@@ -5,7 +5,7 @@ from pathlib import Path
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
 from ..printing import shown
-from ..stored import OneOfRig
+from ..stored import OneOfRig, run_each
 from .update import names_of
 
 
@@ -23,7 +23,7 @@ def diff_command(
       uq-handeye diff monday.json friday.json
       # Two sessions with the same robot and the same camera
       uq-handeye diff monday.json friday.json --same robot,camera
-      # One camera of a rig
+      # One camera of a rig, or without --camera each
       uq-handeye diff monday/rig.json friday/rig.json --camera left
 
     The difference of X and of the target, its standard uncertainty, and the
@@ -44,6 +44,13 @@ def diff_command(
     from ...calibration.result import load
     from ...use.maintenance.difference import difference, difference_document
 
+    if cameras := chosen.each(old):
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: diff_command(old, new, chosen._replace(of_camera=name), same, as_json, folder),
+        )
     both = []
     for file in (old, new):
         if refused_as_not_usable(found_in_file := load(file), file, "compared"):

@@ -5,10 +5,12 @@ from typing import Annotated, Any, NamedTuple
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
+from ..exit_status import ExitStatus
 from ..messages import progress_wanted, timed
 from ..new_poses import Session
 from ..pose_prior import pose_prior_of
 from ..printing import emit
+from ..stored import run_each
 
 CHAIN = "chain.h5"
 
@@ -42,7 +44,7 @@ def posterior_command(
     as_json: bool = False,
     output: Path | None = None,
     resume: bool = False,
-) -> None:
+) -> int:
     r"""Sample the posterior of X by Markov chain Monte Carlo.
 
     Examples:
@@ -52,6 +54,8 @@ def posterior_command(
       # With known noise and a heavy-tailed likelihood
       uq-handeye posterior robot.csv camera.csv --student-t 5 \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+      # A stored result, one camera of a rig, or without --camera each
+      uq-handeye posterior result/rig.json --camera left -o posterior/
 
     The prior is flat, except for --prior-x, --prior-w and --known.
 
@@ -69,6 +73,15 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
+    if cameras := session.each():
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: posterior_command(
+                session.of_camera(name), beforehand, sampling, pairs, as_json, folder, resume
+            ),
+        )
     from ...read import write_files
     from ...trials.validation.posterior.sample import sample_posterior
 
@@ -91,3 +104,4 @@ def posterior_command(
         deliver(output, {"posterior.json": result.to_json(), "corner": corner(result)})
         if not as_json:
             emit(wrote(output, ["posterior.json", "corner.png", "corner.svg", CHAIN]))
+    return ExitStatus.DONE

@@ -10,7 +10,7 @@ from ...errors import InputError
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
 from ..rigs import predict_into
-from ..stored import OneOfRig
+from ..stored import OneOfRig, run_each
 from ..values import coordinates
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class PredictOptions(NamedTuple):
         it misses.
       * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
       * --camera: Predict camera_T_target, the poses that the camera should see.
-      --of CAMERA: With the result of a rig: the camera whose points or poses are predicted.
+      --of CAMERA: With the result of a rig: the camera whose points or poses are predicted. Default: each.
       of_target = --target NAME: With the result of a rig: the target that this camera sees. Default: the one that it
         sees most often.
       --into CAMERA: With the result of a rig: predict --point in the frame of this camera. Default: the base of its
@@ -150,6 +150,13 @@ def predict_command(
     if wanted.into is not None and not isinstance(found, Calibration):
         predict_into(found, wanted, places.robot, as_json, output)
         return ExitStatus.DONE
+    if cameras := OneOfRig(wanted.of, wanted.of_target).each(result, "--of"):
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: predict_command(result, places, wanted._replace(of=name), as_json, folder),
+        )
     stored = OneOfRig(wanted.of, wanted.of_target).of(found, result, "--of")
     wanted.require_possible(places, stored.setup)
     points = None if not wanted.point else np.array([coordinates(text, "--point") for text in wanted.point])

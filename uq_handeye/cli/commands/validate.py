@@ -14,6 +14,7 @@ from ..names import EVERY_METHOD
 from ..new_poses import Session
 from ..pose_prior import pose_prior_of
 from ..printing import emit, emit_document
+from ..stored import run_each
 from ..values import methods_of, require_writable
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def validate_command(
       # With known noise, two methods, results kept
       uq-handeye validate robot.csv camera.csv --method efficient,park \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o runs/
-      # A stored result, or one camera of a rig
+      # A stored result, one camera of a rig, or without --camera each
       uq-handeye validate result/rig.json --camera left
 
     Noise is simulated around the fitted poses, X is estimated in each trial, and
@@ -90,6 +91,21 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
+    if cameras := session.each():
+        return run_each(
+            cameras,
+            as_json,
+            output,
+            lambda name, folder: validate_command(
+                session.of_camera(name),
+                beforehand,
+                simulation,
+                None if figure is None else _of_method(figure, name, cameras),
+                as_json,
+                folder,
+                resume,
+            ),
+        )
     calibrated, problem = session.calibrated(pairs, **beforehand)
     if calibrated is not None and refused_as_not_usable(calibrated, "the calibration of these poses", "simulated"):
         return ExitStatus.NOT_USABLE
