@@ -9,7 +9,7 @@ from uq_handeye.model.poses.pose_pairs import Truth
 
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "calibrateHandEye"):
-    missing("opencv4", "OpenCV 5 has no calibrateHandEye; `pip install -e '.[bench]'` installs OpenCV 4")
+    missing("opencv4", "OpenCV 5.0 has no calibrateHandEye; `pip install -e '.[bench]'` installs OpenCV 4")
 pytestmark = pytest.mark.opencv4
 
 TRIALS = 200
@@ -89,7 +89,7 @@ def test_robot_world(name, poses):
     for G, C in zip(poses.effective_robot, poses.camera, strict=True):
         B = np.linalg.inv(G)
         found = cv2.calibrateRobotWorldHandEye(
-            C[:, :3, :3], C[:, :3, 3], B[:, :3, :3], B[:, :3, 3], method=ROBOT_WORLD[name]
+            C[:, :3, :3], C[:, :3, 3:], B[:, :3, :3], B[:, :3, 3:], method=ROBOT_WORLD[name]  # OpenCV 5.1: columns
         )
         theirs.append((np.linalg.inv(pose(*found[2:])), np.linalg.inv(pose(*found[:2]))))
     for k, truth in enumerate((poses.truth.X, poses.truth.W)):
