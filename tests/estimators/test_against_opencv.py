@@ -89,7 +89,11 @@ def test_robot_world(name, poses):
     for G, C in zip(poses.effective_robot, poses.camera, strict=True):
         B = np.linalg.inv(G)
         found = cv2.calibrateRobotWorldHandEye(
-            C[:, :3, :3], C[:, :3, 3:], B[:, :3, :3], B[:, :3, 3:], method=ROBOT_WORLD[name]  # OpenCV 5.1: columns
+            C[:, :3, :3],
+            C[:, :3, 3:],
+            B[:, :3, :3],
+            B[:, :3, 3:],
+            method=ROBOT_WORLD[name],  # OpenCV 5.1: columns
         )
         theirs.append((np.linalg.inv(pose(*found[2:])), np.linalg.inv(pose(*found[:2]))))
     for k, truth in enumerate((poses.truth.X, poses.truth.W)):
