@@ -111,25 +111,25 @@ def scene_poses(
     paths = picture_paths(pictures)
     if result is not None:
         require_left_out("of a result", intrinsics=intrinsics, mask=mask)
-        return _later(paths, robot, result, say or _silent)
+        return _later(paths, robot, result, say or silent)
     if len(paths) < MIN_PICTURES_OF_SCENE:
         raise InputError(
             f"A scene needs {MIN_PICTURES_OF_SCENE} pictures or more (15 to 20 are better), got {len(paths)}. Take "
             "more, or use a board."
         )
-    poses = None if robot is None else _robot(robot, len(paths), setup)
+    poses = None if robot is None else robot_poses(robot, len(paths), setup)
     known = None if intrinsics is None else _known(intrinsics, paths)
     if mask is not None:
         with opened(as_path(mask), MAX_TABLE_BYTES):
             pass
     with TemporaryDirectory(prefix="uq-handeye-") as folder, one_thread():
-        return _Run(paths, poses, setup, known, say or _silent).run(
+        return _Run(paths, poses, setup, known, say or silent).run(
             Path(folder), None if mask is None else as_path(mask)
         )
 
 
-def _silent(text: str) -> None:
-    pass
+def silent(text: str) -> None:
+    """Say nothing."""
 
 
 def _later(
@@ -142,7 +142,7 @@ def _later(
             "The result holds no scene in which pictures could be placed: it is not by --scene, or from a folder of "
             "uq-handeye scene. Calibrate with --images PATTERN --scene."
         )
-    poses = None if robot is None else _robot(robot, len(paths), result.setup)
+    poses = None if robot is None else robot_poses(robot, len(paths), result.setup)
     known = unpacked(facts.known)
     with TemporaryDirectory(prefix="uq-handeye-") as folder, one_thread():
         found = place_pictures(known, paths, Path(folder), say)
@@ -174,7 +174,8 @@ def _later(
     )
 
 
-def _robot(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
+def robot_poses(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
+    """Return the robot poses (n, 4, 4) of n pictures."""
     if isinstance(robot, str | PathLike):
         from ..read.poses import read_robot
 
@@ -210,7 +211,7 @@ class _Run:
     def run(self, folder: Path, mask: Path | None) -> ScenePoses:
         lens = None
         if self.known is not None:
-            lens = Lens.of(_size_of(self.paths[0]), self.known)
+            lens = Lens.of(size_of(self.paths[0]), self.known)
         seen = colmap.match(self.paths, folder, lens, mask, self.say)
         models = colmap.models(seen, lens, self.say)
         # What stands still for a fixed camera is the background of what is in the hand.
@@ -393,7 +394,7 @@ def _facts(placed: Placed, given: int, focal_sd: float) -> SceneFacts:
     )
 
 
-def _size_of(path: Path) -> tuple[int, int]:
+def size_of(path: Path) -> tuple[int, int]:
     """Return width and height of a picture."""
     bitmap = colmap.pycolmap().Bitmap.read(str(path), False)
     if bitmap is None:

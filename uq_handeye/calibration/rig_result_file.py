@@ -79,6 +79,7 @@ def rig_to_dict(rig: Rig) -> JsonObject:
         "views": [
             {**attributes(view, "camera target source"), "at": _moments(view.at or ()), "poses": _rows(view.poses)}
             | {name: S.tolist() for name in ("covariance", "intrinsics") if (S := getattr(view, name)) is not None}
+            | ({"scene": True} if view.scene else {})
             for view in rig.views
         ],
     }
@@ -97,6 +98,7 @@ def rig_from_dict(data: Mapping[str, Any]) -> Rig:
         View(
             view["camera"], view["target"], _poses(view["poses"]), tuple(_moments(view["at"])),
             _numbers(view, "covariance"), str(view["source"]), _numbers(view, "intrinsics"),
+            bool(view.get("scene", False)),
         ) for view in data["views"]
     )  # fmt: skip
     known = {

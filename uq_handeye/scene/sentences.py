@@ -22,11 +22,13 @@ def _(
     focal: float,
     focal_sd: float | None,
     scale_sd: float | None,
+    camera: str | None = None,
 ) -> str:
     f = f"f = {focal:.2f} px" + ("" if focal_sd is None else f" +- {digits(focal_sd, 2)} px")
     unit = "" if scale_sd is None else f" Unit of the scene from the robot, to {digits(100 * scale_sd, 1)} %."
+    by = "" if camera is None else f" by {camera}"
     return (
-        f"The scene: {pictures} of {given} pictures, {points:,} points, {per_picture:,.0f} in a picture, "
+        f"The scene{by}: {pictures} of {given} pictures, {points:,} points, {per_picture:,.0f} in a picture, "
         f"{digits(pixel_noise, 2)} px; {f}.{unit}"
     )
 

@@ -13,13 +13,16 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import INTRINSICS
-from ...model.error_terms.sizes import Size
+from ...model.error_terms.keys import INTRINSICS, SCENE_EXCESS, SCENE_FEATURES, TARGET_SCALE
+from ...model.error_terms.sizes import SIZES, Size
 from ...model.error_terms.term import ErrorTerm
 from ...model.kinematics.arm_terms import terms_of_arm
 from ...model.rig.description import Rig
 from ...model.rig.noise_by_name import NoiseByName, by_name, covariance_of
 from .graph import Graph
+
+# Scale of a scene, whose unit is about that of the robot.
+OPEN_SCALE_SD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +130,8 @@ def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
         if arm.kinematics is not None
         for term in kinematic_components(rig, graph, name)
     ]
-    return RigNoise.of_own(robot, camera).with_columns([*calibrated_intrinsics(rig, graph).values(), *chains])
+    parts = [*calibrated_intrinsics(rig, graph).values(), *scene_components(rig, graph), *chains]
+    return RigNoise.of_own(robot, camera).with_columns(part for part in parts if part.key.of("") != SCENE_EXCESS)
 
 
 def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]:
@@ -144,17 +148,47 @@ def calibrated_intrinsics(rig: Rig, graph: Graph) -> dict[str, ErrorTerm]:
     """Return the errors of the calibration of each camera whose views come with their effects, by its name."""
     found = {}
     for name in rig.cameras:
-        sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
+        sizes = {
+            view.intrinsics.shape[-1]
+            for view in rig.views
+            if view.camera == name and view.intrinsics is not None and not view.scene
+        }
         if not sizes:
             continue
         if len(sizes) > 1:
             raise InputError(f"Expected as many errors of intrinsics in all views of {name!r}, got {sorted(sizes)}.")
         columns = np.zeros((graph.E, 6, sizes.pop()))
         for k, view in enumerate(rig.views):
-            if view.camera == name and view.intrinsics is not None:
+            if view.camera == name and view.intrinsics is not None and not view.scene:
                 of = graph.view == k
                 columns[of] = view.intrinsics[graph.row[of]]
         found[name] = ErrorTerm(INTRINSICS.of(name), "camera", Size(1.0), columns=columns)
+    return found
+
+
+def scene_components(rig: Rig, graph: Graph) -> list[ErrorTerm]:
+    """Errors of the views of a scene: those that all of them share, those beyond its features, and its open scale."""
+    found = []
+    for name in rig.targets:
+        views = {k: view for k, view in enumerate(rig.views) if view.target == name and view.scene}
+        if not views:
+            continue
+        (count,) = {0 if view.intrinsics is None else view.intrinsics.shape[-1] for view in views.values()}
+        columns, block = np.zeros((graph.E, 6, count)), np.zeros((graph.E, 6, 6))
+        for k, view in views.items():
+            of = graph.view == k
+            assert view.covariance is not None
+            block[of] = np.linalg.cholesky(view.covariance)[graph.row[of]]
+            if view.intrinsics is not None:
+                columns[of] = view.intrinsics[graph.row[of]]
+        seen = np.isin(graph.view, list(views))[:, None, None]
+        scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]) * seen
+        excess = SIZES[SCENE_EXCESS]
+        found += [
+            ErrorTerm(SCENE_FEATURES.of(name), "camera", Size(1.0), columns=columns),
+            ErrorTerm(SCENE_EXCESS.of(name), "camera", excess, columns, block),
+            ErrorTerm(TARGET_SCALE.of(name), "camera", Size(OPEN_SCALE_SD), columns=scale),
+        ]
     return found
 
 

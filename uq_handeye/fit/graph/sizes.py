@@ -47,7 +47,7 @@ from ..one_model.mode import GAIN, find_mode
 from ..one_model.request import Request
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
-from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components
+from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, scene_components
 
 # Cameras differ from their common median by this factor (1 sigma of the logarithm).
 CAMERA_SPREAD_FACTOR = 2.0
@@ -124,15 +124,19 @@ def components_of(
             found.append(ErrorTerm(key.of(name), "camera", SIZES[key], block=_of(own, B)))
     calibrated = {name: part for name, part in calibrated_intrinsics(rig, graph).items() if name in cameras}
     found += [part for part in calibrated.values() if part.count]
+    scenes = {view.target for view in rig.views if view.scene}
+    found += [part for part in scene_components(rig, graph) if part.key.name in targets]
     chains = [part for name in arms if rig.arms[name].kinematics is not None
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
     noise, found = found, []
-    finished = {name: of for name, of in cameras.items() if name not in calibrated}
+    of_scene = {view.camera for view in rig.views if view.scene}
+    finished = {name: of for name, of in cameras.items() if name not in calibrated and name not in of_scene}
+    of_board = {name: of for name, of in targets.items() if name not in scenes}
     if shared:
-        found = _assumed(both[1][0], graph, before, (arms, finished, targets), width, request.shared or ())
+        found = _assumed(both[1][0], graph, before, (arms, finished, of_board), width, request.shared or ())
     asked = SHARED if shared is True else shared or ()
     found = [part for part in found if part.key.kind in asked]
-    owners = {"robot": arms, "camera": finished, "target": targets}
+    owners = {"robot": arms, "camera": finished, "target": of_board}
     for error in further_errors(request, found):
         for name, seen in owners[error.key.owner].items():
             if error.key.name in ("", name):
@@ -161,7 +165,7 @@ def _assumed(
             )  # fmt: skip
     scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
     scales = {TARGET_SCALE.of(name): _of(seen, scale) for name, (seen, _) in targets.items()}
-    if len(rig.targets) > 1:
+    if len(rig.targets) - len({view.target for view in rig.views if view.scene}) > 1:
         scales[ErrorKey(ALL_TARGETS, Kind.SCALE)] = scale
     found += [ErrorTerm(key, "camera", SIZES[TARGET_SCALE], columns=K) for key, K in scales.items()]
     for name, seen in arms.items():

@@ -189,6 +189,9 @@ class View(ReadOnlyArrays):
     intrinsics : (m, 6, q) or None
         Effect of one standard deviation of each of q errors of the camera's calibration on these poses, in addition to
         ``covariance``; the same q errors in all views of the camera.
+    scene : bool
+        Whether the target is a scene (`scene_rig`): the q errors are common to all views of it, and its scale is not
+        known.
     """
 
     camera: str
@@ -198,6 +201,7 @@ class View(ReadOnlyArrays):
     covariance: Array | None = None
     source: str = ""
     intrinsics: Array | None = None
+    scene: bool = False
 
     def __post_init__(self) -> None:
         poses = as_transforms(self.poses, f"poses of {self.words}")
