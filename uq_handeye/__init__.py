@@ -18,7 +18,7 @@ if _typing.TYPE_CHECKING:
     from .calibration.evidence.touches import Touches
     from .calibration.of_camera import of_camera
     from .calibration.result import Calibration, load
-    from .calibration.rig_by_scene import scene_rig
+    from .calibration.rig_by_scene import SceneRig, scene_rig
     from .calibration.rig_result import RigCalibration
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .core.geometry.nearest_rotation import orthonormalise
@@ -162,6 +162,7 @@ __all__ = [
     "Rig",
     "RigCalibration",
     "ScalePrior",
+    "SceneRig",
     "SharedError",
     "SingularNoiseError",
     "Stream",
@@ -248,7 +249,7 @@ __all__ = [
 # Everything is loaded when it is first asked for: the command starts in a third of the time, and Ctrl-C finds it ready.
 _LATER = {
     "calibration.by_scene": ("scene_poses",),
-    "calibration.rig_by_scene": ("scene_rig",),
+    "calibration.rig_by_scene": ("SceneRig", "scene_rig"),
     "calibration.calibrate": ("calibrate",),
     "calibration.of_camera": ("of_camera",),
     "calibration.result": ("Calibration", "load"),

@@ -279,6 +279,21 @@ def rendered(made: Session, folder: Path, *, suffix: str = ".png") -> list[Path]
     return paths
 
 
+def rendered_right(made: Session, folder: Path) -> Array:
+    """Write pictures of a second camera on the hand into ``folder``; return left_T_right of the two."""
+    cv2 = opencv()
+    folder.mkdir(parents=True, exist_ok=True)
+    between = perturb(np.eye(4), np.array([0.02, 0.12, -0.03, 0.06, 0.005, 0.01]))
+    camera = lens(made.kind.lens, made.camera.size)
+    parameters = camera.parameters * np.array([0.93, 0.93, 1.005, 0.995, *[1.0] * 8])
+    renderer, rng = Renderer(replace(camera, parameters=parameters)), np.random.default_rng([53, made.seed])
+    bodies = [replace(body, camera_T_body=inverse(between) @ body.camera_T_body) for body in made.bodies]
+    for i in range(made.kind.n):
+        taken = as_taken(renderer.picture(bodies, i), rng, noise=made.kind.noise)
+        cv2.imwrite(str(folder / f"img{i:02d}.png"), taken)
+    return between
+
+
 def robot_csv(robot: Array) -> str:
     quaternions = Rotation.from_matrix(robot[:, :3, :3]).as_quat()
     rows = np.concatenate([robot[:, :3, 3], quaternions], axis=1)

@@ -358,6 +358,7 @@ class _Run:
         told["focal_sd"] = of.get("fx")
         facts = replace(
             facts,
+            image_size=seen.image_size,
             known=packed(known_scene(main, poses, seen)),
             lens=tuple(lens.values[: len(NAMES)].tolist()),
             lens_sd=tuple(of.get(name, 0.0) for name in NAMES),

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,13 +44,23 @@ from .by_scene import robot_poses, silent, size_of
 ARM, SCENE = "arm", "scene"
 
 
+class SceneRig(NamedTuple):
+    """Rig of several cameras from pictures of one scene; `calibrate` takes its ``rig``."""
+
+    rig: Rig
+    intrinsics: dict[str, dict[str, float]]  # fx, fy, cx, cy, k1, k2, p1, p2 of the model brown, by camera
+    sd: dict[str, dict[str, float]]  # their standard deviations
+    image_sizes: dict[str, tuple[int, int]]
+    findings: tuple[Finding, ...]
+
+
 def scene_rig(
     pictures: Mapping[str, str | Iterable[StrPath]],
     robot: ArrayLike | StrPath,
     *,
     setup: str = "eye-in-hand",
     say: Callable[[str], None] | None = None,
-) -> Rig:
+) -> SceneRig:
     """Return the rig of several cameras from pictures of one scene that stands still, without a board.
 
     Parameters
@@ -61,12 +72,13 @@ def scene_rig(
     setup : "eye-in-hand" or "eye-to-hand"
         For eye-to-hand the gripper carries the scene: a rigid textured object.
     say : function or None
-        Takes the stage of the computation in words, and notes on what was found.
+        Takes the stage of the computation in words.
 
     Returns
     -------
-    Rig
-        For `calibrate`: the poses of all cameras with their joint covariance, and a scale that is one more unknown.
+    SceneRig
+        Its ``rig`` is for `calibrate`: the poses of all cameras with their joint covariance, and a scale that is one
+        more unknown.
 
     Raises
     ------
@@ -100,24 +112,20 @@ def scene_rig(
         main, seen = _placed(groups, Path(folder), setup, say)
         camera = np.repeat(np.arange(len(n)), list(n.values()))[main.rows]
         row = main.rows % len(poses)
-        main = _in_metres(main, G, camera, row, list(n))
-        measured, covariance = measured_poses(main)
-    findings = _findings(main, seen, camera, list(n), len(poses))
+        main = in_metres(main, G, camera, row, list(n))
+    lens = main.scene.lens
+    parts = np.split(lens_sd(main), np.cumsum([one.f for one in lens.each])[:-1])
+    sd = {
+        name: dict(zip(one.names, of.tolist(), strict=True)) for name, one, of in zip(n, lens.each, parts, strict=True)
+    }
+    findings = _findings(main, seen, camera, sd, len(poses))
     if failures := [finding for finding in findings if finding.severity == "failure"]:
         raise InputError(str(failures[0]))
     warn(findings)
-    for finding in findings:
-        say(str(finding))
-    views = []
-    for k, name in enumerate(n):
-        of = camera == k
-        at = tuple(row[of].tolist())
-        views.append(
-            View(name, SCENE, measured[of], at, covariance.own[of], f"pictures of {name}", covariance.shared[of], True)
-        )
-    on, to = (ARM, WORLD) if setup == "eye-in-hand" else (WORLD, ARM)
-    source = shown(Path(robot)) if isinstance(robot, str | Path) else ""
-    return Rig({ARM: ArmPoses(poses, source=source)}, dict.fromkeys(n, on), {SCENE: to}, tuple(views))
+    rig = rig_of(main, poses, list(n), camera, setup, shown(Path(robot)) if isinstance(robot, str | Path) else "")
+    values = {name: dict(zip(NAMES, one.values.tolist(), strict=False)) for name, one in zip(n, lens.each, strict=True)}
+    sizes = {name: size_of(of[0]) for name, of in groups.items()}
+    return SceneRig(rig, values, sd, sizes, tuple(findings))
 
 
 def _placed(
@@ -147,7 +155,7 @@ def _placed(
     raise no_scene(seen, setup)
 
 
-def _in_metres(main: Placed, G: Array, camera: NDArray[np.intp], row: NDArray[np.intp], names: list[str]) -> Placed:
+def in_metres(main: Placed, G: Array, camera: NDArray[np.intp], row: NDArray[np.intp], names: list[str]) -> Placed:
     """Return the scene in metres of the robot; raises `InputError` where a camera does not fit its poses."""
     found = []
     for k, name in enumerate(names):
@@ -170,15 +178,27 @@ def _in_metres(main: Placed, G: Array, camera: NDArray[np.intp], row: NDArray[np
     return centred(replace(main, scene=main.scene.scaled(factor)))
 
 
+def rig_of(main: Placed, robot: Array, names: list[str], camera: NDArray[np.intp], setup: str, source: str = "") -> Rig:
+    """Return the rig of a scene in metres; ``camera`` (n,) of its pictures, which are those of one camera after the
+    other, each at the robot poses (N, 4, 4).
+    """
+    measured, covariance = measured_poses(main)
+    row, views = main.rows % len(robot), []
+    for k, name in enumerate(names):
+        of = camera == k
+        at, S = tuple(row[of].tolist()), covariance.own[of]
+        views.append(View(name, SCENE, measured[of], at, S, f"pictures of {name}", covariance.shared[of], True))
+    on, to = (ARM, WORLD) if setup == "eye-in-hand" else (WORLD, ARM)
+    return Rig({ARM: ArmPoses(robot, source=source)}, dict.fromkeys(names, on), {SCENE: to}, tuple(views))
+
+
 def _findings(
-    main: Placed, seen: colmap.Matched, camera: NDArray[np.intp], names: list[str], given: int
+    main: Placed, seen: colmap.Matched, camera: NDArray[np.intp], sd: Mapping[str, Mapping[str, float]], given: int
 ) -> list[Finding]:
-    """Return what is said of pictures and lenses."""
-    lens, found = main.scene.lens, []
-    ends = np.cumsum([one.f for one in lens.each])[:-1]
-    for k, (name, one, sd) in enumerate(zip(names, lens.each, np.split(lens_sd(main), ends), strict=True)):
-        found += lens_findings(one, sd)
-        f, free = float(one.values[0]), dict(zip(one.names, sd.tolist(), strict=True))
+    """Return what is said of pictures and lenses; ``sd`` of the intrinsics of each camera."""
+    found = []
+    for k, (one, (name, spread)) in enumerate(zip(main.scene.lens.each, sd.items(), strict=True)):
+        found += lens_findings(one, np.array(list(spread.values())))
         of = main.scene.tracks.per_picture[camera == k]
         values = {
             "pictures": len(of),
@@ -186,13 +206,14 @@ def _findings(
             "points": main.scene.tracks.m,
             "per_picture": float(of.mean()),
             "pixel_noise": main.noise,
-            "focal": f,
-            "focal_sd": free.get(NAMES[0]),
+            "focal": float(one.values[0]),
+            "focal_sd": spread.get(NAMES[0]),
             "scale_sd": None,
             "camera": name,
         }
         found.append(Finding("scene.found", "note", values))
     if left := [seen.names[k] for k in np.setdiff1d(np.arange(len(seen.names)), main.rows)]:
-        values = {"names": left, "given": len(seen.names), "least": MIN_POINTS}
-        found.append(Finding("scene.left_out", "caution", values))
+        found.append(
+            Finding("scene.left_out", "caution", {"names": left, "given": len(seen.names), "least": MIN_POINTS})
+        )
     return found

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..fit.diagnostics.pose_table import PoseTable
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
+    from ..model.poses.scene_facts import SceneFacts
     from ..report.comparison.compare import Compared
     from ..scene.result import ScenePoses
     from ..trials.validation.cross_check.result import CrossCheck
@@ -396,6 +397,13 @@ def _write_result(
         from ..model.camera.calibration_files import camera_files
 
         files |= camera_files(seen)
+    scene: SceneFacts | None = getattr(result.data, "scene", None)
+    if scene is not None and len(scene.image_size) == 2 and scene.lens:
+        from ..scene.lens import NAMES
+        from ..scene.result import INTRINSICS, intrinsics_yaml
+
+        width, height = scene.image_size
+        files[INTRINSICS] = intrinsics_yaml(dict(zip(NAMES, scene.lens, strict=True)), (width, height))
     if result.table is not None:
         files["poses.csv"] = _poses_csv(result.table)
     if result.split:
@@ -412,7 +420,7 @@ def _write_result(
         (directory / name).unlink(missing_ok=True)
     wrote = f"{directory / 'result.json'} with {len(files) - 1} more files"
     if seen is None:
-        return wrote
+        return wrote if scene is None else f"{wrote}; X belongs to the intrinsics of the scene, intrinsics.yaml"
     of = "corrected intrinsics" if seen.estimated else "intrinsics as given"
     return f"{wrote}; X belongs to the {of}, intrinsics.yaml"
 

@@ -186,6 +186,9 @@ class Scene(Pictures):
         from ..read import read_poses
         from ..read.poses import read_robot
 
+        if not self.images:
+            raise InputError("--scene needs pictures. Add --images 'PATTERN'.")
+
         of_robot = {name: how[name][0] for name in ("units", "format", "rotation") if how.get(name) is not None}
         of_arm = {name: how[name] for name in ("joints", "kinematics", "joint_units") if how.get(name) is not None}
         setup = how.get("setup") or SETUP_NAMES[0]
@@ -290,13 +293,11 @@ def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
 def _scene(
     images: str | None, board: BoardOptions, lens: LensOptions, options: ViewOptions, mask: Path | None
 ) -> Scene:
-    """Return pictures of a scene; raises `InputError` for options of a board."""
-    if images is None:
-        raise InputError("--scene needs pictures. Add --images 'PATTERN'.")
+    """Return pictures of a scene, without ``images`` those of --camera; raises `InputError` for options of a board."""
     used = ("--intrinsics", "--roi")
     if wrong := [*board.given, *(name for name in lens.given if name not in used), *options.given]:
         raise InputError(f"{', '.join(wrong)}: not used with --scene, which looks for no board. Remove the option.")
-    return Scene(images, board, lens, mask=mask)
+    return Scene(images or "", board, lens, mask=mask)
 
 
 def pictures_of(
@@ -314,7 +315,7 @@ def pictures_of(
       * --images 'PATTERN': Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their
         names (img2 before img10).
       * --scene: The pictures are of a textured scene, no board. It stands still; for eye-to-hand it is an object in the
-        gripper.
+        gripper. Of several cameras: --camera left='left/*.png' for each, in place of --images.
       --mask FILE: With --scene: picture that is black where the pictures show the gripper. Default: what stands still
         in the picture is found.
     """

@@ -3,14 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from ..core.runtime.progress import working
 from ..errors import InputError, NotConvergedError
 from .delivery import deliver, deliver_answer, emit_refusal
 from .exit_status import ExitStatus
-from .messages import given_options, quiet, timed, verbose, withheld
+from .messages import LOG, given_options, progress_wanted, quiet, timed, verbose, withheld
 from .names import AT_THE_BOUND, PAIRINGS, ROBOT_CLASSES, SETUP_NAMES
 from .noise import noise_of_rig, without_poses
+from .pictures import Scene
 from .pose_files import OF_FILE, values_of_files
 from .printing import emit, emit_document
 from .rig_files import OF_FILES, named_files
@@ -71,7 +74,10 @@ def calibrate_rig_files(
     if options["method"] not in (None, *AT_THE_BOUND):
         raise InputError(f"--method {options['method']}: published methods solve one A X = X B. Use efficient or ml.")
     with withheld() as shown, timed("reading"):
-        if described is None:
+        more: dict[str, str] = {}
+        if described is None and isinstance(data.pictures, Scene):
+            rig, noise, more = _of_scene(data, data.pictures)
+        elif described is None:
             rig, noise = _of_cameras(data)
         else:
             rig, noise = described
@@ -92,7 +98,7 @@ def calibrate_rig_files(
             return emit_refusal(error, outputs.as_json, shown)
         shown += [] if outputs.as_json else result.warnings
     assert isinstance(result, RigCalibration)  # of several cameras, targets or arms
-    return deliver_rig(result, wishes, tolerance, outputs)
+    return deliver_rig(result, wishes, tolerance, outputs, more)
 
 
 def _refuse_others() -> None:
@@ -137,6 +143,36 @@ def _of_cameras(data: "Data") -> "tuple[Rig, Noise | Mapping[str, NoiseOfOne] | 
     return rig, without_poses(given.noise, "calibrate of a rig") if noise is None else noise
 
 
+def _of_scene(data: "Data", scene: Scene) -> "tuple[Rig, Noise | Mapping[str, NoiseOfOne] | None, dict[str, str]]":
+    """Return the rig of cameras that see one scene, its noise, and files of the intrinsics."""
+    from ..calibration.rig_by_scene import ARM, scene_rig
+    from ..model.rig.description import ArmPoses
+    from ..read.rig.pose_rows import read_rows
+    from ..read.rig.sources import arm_poses
+    from ..scene.result import intrinsics_yaml
+
+    files, given, arm = data.files, data.given, data.robot.arm
+    if scene.mask is not None:
+        raise InputError("--mask: not for several cameras, whose pictures differ. Remove it.")
+    if files.robot is None:
+        raise InputError("--scene needs the file of robot poses. Add it, e.g. robot.csv.")
+    setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
+    named = named_files(data.robot.cameras)
+    rows = read_rows(files.robot, "robot", **_reading(files, list(named))["robot"])
+    rows = replace(rows, times=None, numbers=())  # picture k belongs to row k
+    with working("the scene", progress_wanted()) as say:
+        found = scene_rig({name: str(file) for name, file in named.items()}, rows.poses, setup=setup, say=say)
+    for finding in found.findings:
+        LOG.info("%s", finding)
+    poses = ArmPoses(rows.poses, source=rows.name)
+    if arm is not None:
+        poses = arm_poses(rows, arm.kinematics, arm.options.errors())
+    rig = replace(found.rig, arms={ARM: poses})
+    noise = noise_of_rig(given, list(rig.arms), list(rig.cameras))
+    texts = {f"{name}.yaml": intrinsics_yaml(found.intrinsics[name], found.image_sizes[name]) for name in named}
+    return rig, without_poses(given.noise, "calibrate of a rig") if noise is None else noise, texts
+
+
 def _tolerance(files: "PoseFiles") -> float:
     """Seconds by which the time of a view may differ from that of its robot pose."""
     how = None if files.pair is None else one_of(files.pair, "--pair", PAIRINGS)
@@ -166,9 +202,13 @@ def _reading(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]
 
 
 def deliver_rig(
-    result: "RigCalibration", wishes: "ReportOptions", tolerance: "Tolerance | None", outputs: "Outputs"
+    result: "RigCalibration",
+    wishes: "ReportOptions",
+    tolerance: "Tolerance | None",
+    outputs: "Outputs",
+    more: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
-    """Print the result of a rig, write its files, and return the exit status."""
+    """Print the result of a rig, write its files with ``more`` by their names, and return the exit status."""
     from ..core.files.json_files import signed_text
     from ..core.presentation.document import Paragraph, document_of
     from ..report.decision import badges_of, verdicts_of_rig
@@ -187,6 +227,7 @@ def deliver_rig(
             "rig.json": signed_text(result.to_dict()),
             "rig.txt": text,
             "report.html": html,
+            **more,
         }
         if outputs.figures:
             from ..report.rig_page import rig_sketch
@@ -234,6 +275,11 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
     from ..read.rig.sources import arm_poses, joint_rows
 
     robot, rig = new.files.robot, stored.rig
+    if any(view.scene for view in rig.views):
+        raise InputError(
+            "The rig is by pictures of a scene, whose frame is that of one run. Calibrate the new pictures with "
+            "--scene, and compare the relative poses of the cameras; or add them to the old ones."
+        )
     if robot is not None and robot.suffix.lower() == ".toml":
         if new.cameras or new.joints is not None:
             raise InputError(f"{robot} names all files of the new views. Remove --camera and --joints.")

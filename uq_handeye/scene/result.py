@@ -116,7 +116,7 @@ def scene_files(found: ScenePoses) -> dict[str, str | bytes]:
         COVARIANCE: buffer.getvalue(),
         SUMMARY: json_text(to_dict(found)),
         POINTS: _ply(found.points, found.colours),
-        INTRINSICS: _yaml(found),
+        INTRINSICS: intrinsics_yaml(found.intrinsics, found.image_size),
     }
 
 
@@ -148,10 +148,10 @@ def _ply(points: Array, colours: NDArray[np.uint8]) -> bytes:
     return ("\n".join([*lines, "end_header"]) + "\n").encode() + table.tobytes()
 
 
-def _yaml(found: ScenePoses) -> str:
+def intrinsics_yaml(intrinsics: Mapping[str, float], image_size: tuple[int, int]) -> str:
     """Return the intrinsics as OpenCV's FileStorage writes them."""
-    fx, fy, cx, cy, *k = (found.intrinsics[name] for name in NAMES)
-    width, height = found.image_size
+    fx, fy, cx, cy, *k = (intrinsics[name] for name in NAMES)
+    width, height = image_size
 
     def matrix(name: str, rows: int, columns: int, values: list[float]) -> str:
         data = ", ".join(repr(float(value)) for value in values)

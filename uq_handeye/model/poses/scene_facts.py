@@ -32,7 +32,7 @@ class SceneView(Record):
 class SceneFacts(Record):
     """Numbers of a scene without a board, whose camera poses have a scale of their own."""
 
-    _if_any: ClassVar[str] = "known"
+    _if_any: ClassVar[str] = "image_size known"
 
     pictures: int  # given
     points: int
@@ -43,4 +43,5 @@ class SceneFacts(Record):
     lens: tuple[float, ...] = ()  # fx, fy, cx, cy, k1, k2, p1, p2 of the model brown
     lens_sd: tuple[float, ...] = ()  # 0: given
     views: tuple[SceneView, ...] = ()
+    image_size: tuple[int, ...] = ()  # width, height
     known: str = ""  # its points and their descriptors, by which later pictures are placed in it
