@@ -210,7 +210,7 @@ def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
 def _of_each(fit: Fit) -> Array:
     """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``."""
     S = joint_of(fit.S)
-    return fit.residual if S is None else np.asarray(fit.residual - S.shared @ fit.told(S.shared).z)
+    return fit.residual if S is None else np.asarray(fit.residual - S.shared @ fit.told_of_shared.z)
 
 
 @document_of.register(PoseTable)

@@ -193,10 +193,7 @@ def _integrated(x: Array, V: Array, total: float, p: Array, rounds: int = 4) -> 
     the more, the larger the factor itself is: this is corrected in ``rounds``.
     """
     n = len(x)
-    size = 1 << (2 * n - 1).bit_length()
-    left, taken = (
-        np.fft.irfft(np.sum(np.abs(np.fft.rfft(y.reshape(n, -1), size, axis=0)) ** 2, axis=1), size)[:n] for y in (x, V)
-    )
+    left, taken = (_products_at_lags(y.reshape(n, -1)) for y in (x, V))
     taken = taken / total
     factor = 1.0
     for _ in range(rounds if p < CONTRADICTED.probability else 1):
@@ -207,38 +204,67 @@ def _integrated(x: Array, V: Array, total: float, p: Array, rounds: int = 4) -> 
     return factor
 
 
-def autocorrelation_of(r: Array, U: Array, max_lags: int = 5) -> tuple[Array, Array, Array]:
+def _products_at_lags(y: Array, together: int = 50) -> Array:
+    """(n,) sums of ``y_i y_i+k`` over the rows and columns of y (n, m), so many columns at once."""
+    n = len(y)
+    size, power = 1 << (2 * n - 1).bit_length(), 0.0
+    for start in range(0, y.shape[1], together):
+        power = power + np.sum(np.abs(np.fft.rfft(y[:, start : start + together], size, axis=0)) ** 2, axis=1)
+    return np.asarray(np.fft.irfft(power, size)[:n])
+
+
+def autocorrelation_of(r: Array, U: Array, max_lags: int = 5, rows_together: int = 500) -> tuple[Array, Array, Array]:
     """Correlations (..., lags) and standard errors of `standardised` residuals, and the p-value (...) of the test.
 
     The test looks for positive correlation, at lag 1 and over some lags with falling weights; p is twice the smaller.
     """
     n, freedom = r.shape[-2], _freedom(U)
-    both = np.concatenate([U, r[..., None]], axis=-1)
     lags = min(max_lags, n // 4)
     weights = 1.0 - np.arange(1, lags + 1) / (lags + 1)
-    over_lags, traces = np.zeros_like(both), 3.0 * (n - np.arange(1, lags + 1))
-    found = []
-    for k in range(1, lags + 1):
-        shifted = np.zeros_like(both)
-        shifted[..., k:, :, :] += 0.5 * both[..., :-k, :, :]
-        shifted[..., :-k, :, :] += 0.5 * both[..., k:, :, :]
-        over_lags += weights[k - 1] * shifted
-        found.append(_excess(both, shifted, traces[k - 1], freedom))
-    excess, error = _excess(both, over_lags, float(traces @ weights**2), freedom)
+    traces = 3.0 * (n - np.arange(1, lags + 1))
+    sums = [_PulledSums() for _ in range(lags + 1)]
+    for start in range(0, n, rows_together):
+        end, first = min(start + rows_together, n), max(start - lags, 0)
+        rows = slice(first, end + lags)  # with their neighbours
+        near = np.concatenate([U[..., rows, :, :], r[..., rows, :, None]], axis=-1)
+        own = slice(start - first, end - first)
+        over_lags = np.zeros_like(near[..., own, :, :])
+        for k in range(1, lags + 1):
+            shifted = np.zeros_like(near)
+            shifted[..., k:, :, :] += 0.5 * near[..., :-k, :, :]
+            shifted[..., :-k, :, :] += 0.5 * near[..., k:, :, :]
+            over_lags += weights[k - 1] * shifted[..., own, :, :]
+            sums[k - 1].add(near[..., own, :, :], shifted[..., own, :, :])
+        sums[-1].add(near[..., own, :, :], over_lags)
+    size = np.sum(r**2, axis=(-2, -1))
+    found = [one.excess(size, float(trace), freedom) for one, trace in zip(sums[:-1], traces, strict=True)]
+    excess, error = sums[-1].excess(size, float(traces @ weights**2), freedom)
     p = 2 * ndtr(-np.maximum(found[0][0] / found[0][1], excess / error))
     correlation, errors = (np.stack(values, axis=-1) for values in zip(*found, strict=True))
     return correlation, errors, np.minimum(p, 1.0)
 
 
-def _excess(both: Array, pulled: Array, trace_AA: float, freedom: Array) -> tuple[Array, Array]:
-    """``r^T A r / r^T r`` less its mean, and its standard deviation, from (U, r) and A (U, r), A without a diagonal."""
-    shape = (*both.shape[:-3], -1, both.shape[-1])
-    inner = both.reshape(shape).mT @ pulled.reshape(shape)
-    used = inner[..., :-1, :-1]
-    mean = -np.trace(used, axis1=-2, axis2=-1) / freedom
-    squares = trace_AA - 2 * np.sum(pulled[..., :-1] ** 2, axis=(-3, -2, -1)) + np.sum(used**2, axis=(-2, -1))
-    deviation = np.sqrt(2 * (squares - freedom * mean**2) / (freedom * (freedom + 2)))
-    return inner[..., -1, -1] / np.sum(both[..., -1] ** 2, axis=(-2, -1)) - mean, deviation
+@dataclass
+class _PulledSums:
+    """Sums over rows of ``(U, r)^T A (U, r)`` and of the squares of A U, for A without a diagonal."""
+
+    inner: Array | float = 0.0  # (..., p + 1, p + 1)
+    squares: Array | float = 0.0  # (...)
+
+    def add(self, both: Array, pulled: Array) -> None:
+        """Add rows (..., b, 6, p + 1) of (U, r) and of A (U, r)."""
+        shape = (*both.shape[:-3], -1, both.shape[-1])
+        self.inner = self.inner + both.reshape(shape).mT @ pulled.reshape(shape)
+        self.squares = self.squares + np.sum(pulled[..., :-1] ** 2, axis=(-3, -2, -1))
+
+    def excess(self, size: Array, trace_AA: float, freedom: Array) -> tuple[Array, Array]:
+        """``r^T A r / r^T r`` less its mean, and its standard deviation; ``size`` (...) is ``r^T r``."""
+        inner = np.asarray(self.inner)
+        used = inner[..., :-1, :-1]
+        mean = -np.trace(used, axis1=-2, axis2=-1) / freedom
+        squares = trace_AA - 2 * self.squares + np.sum(used**2, axis=(-2, -1))
+        deviation = np.sqrt(2 * (squares - freedom * mean**2) / (freedom * (freedom + 2)))
+        return inner[..., -1, -1] / size - mean, deviation
 
 
 def normality_of(r: Array) -> tuple[Array, Array, tuple[Array, Array, Array]]:

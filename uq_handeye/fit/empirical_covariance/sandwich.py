@@ -273,7 +273,7 @@ def of_known(fit: Fit) -> Array:
     """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share and a prior add; 0 without them."""
     S, found = joint_of(fit.S), np.zeros_like(fit.covariance)
     if S is not None and _declared(fit):
-        response = fit.told(S.shared).response
+        response = fit.told_of_shared.response
         found = found + response @ response.mT
     if fit.prior is not None:
         found = found + fit.covariance @ fit.prior.normal_equations(fit.X, fit.W)[0] @ fit.covariance

@@ -36,6 +36,8 @@ from ...core.geometry.se3 import Array, left_jacobian, perturb
 from ...core.numbers.rounding import SOLUTION_ROUNDING, rounding
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
+from ...model.noise.cholesky import substitute
+from ...model.noise.joint_covariance import JointFactor
 from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, is_joint, pulled, weighted, whiten
@@ -79,6 +81,10 @@ class Told(NamedTuple):
     z: Array  # (..., q)
     response: Array  # (..., p, q) of (xi_X, xi_W), for z = 1
     left: Array  # (..., q, q) covariance of z
+
+    def of(self, some: NDArray[np.intp]) -> Told:
+        """Those of some of the errors."""
+        return Told(self.z[..., some], self.response[..., some], self.left[..., some[:, None], some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +201,25 @@ class Fit(ReadOnlyArrays):
         explained = sums[..., p + 1 :, p + 1 :] + sums[..., p + 1 :, :p] @ response
         left = np.eye(f.shape[-1]) - 0.5 * (explained + explained.mT)
         return Told(sums[..., p + 1 :, p], response, left)
+
+    @cached_property
+    def told_of_shared(self) -> Told:
+        r"""`told` of all errors that a joint S has columns of, without whitening these again.
+
+        With ``S = B (1 + V V^T) B^T``, ``P = (1 + V^T V)^-1``, y and A the residuals and J over B,
+
+            f^T S^-1 [r, J] = P V^T [y, A],    f^T S^-1 f = 1 - P
+        """
+        factor = self.weighted_factor
+        assert isinstance(factor, JointFactor)
+        p = self.linear.J.shape[-1]
+        white = substitute(factor.B, np.concatenate([self.linear.J, self.residual[..., None]], axis=-1))
+        half = np.linalg.inv(factor.C)  # P = half^T half
+        pulled = half.mT @ (half @ (factor.V.mT @ white.reshape(*white.shape[:-3], -1, p + 1)))
+        by_J = pulled[..., :p].mT
+        response = -self.covariance @ by_J
+        left = half.mT @ half - by_J.mT @ response
+        return Told(pulled[..., p], response, 0.5 * (left + left.mT))
 
     @cached_property
     def factor(self) -> Factor:

@@ -40,7 +40,7 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     assert S is not None
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
-    z, response, left = fit.told(S.shared)
+    z, response, left = fit.told_of_shared
     # The z are N(0, I) in any axes: those of what the data tell. 1: X and W, or other columns, take it in.
     share, axes = np.linalg.eigh(left)
     axes = axes[:, share * (1.0 + MIN_RESOLVED_SHARE) < 1.0]

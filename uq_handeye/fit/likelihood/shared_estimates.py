@@ -24,7 +24,7 @@ from ...model.noise.models import Noise
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from .constraint import MIN_RESOLVED_SHARE, covariances_of
-from .gauss_helmert import Fit
+from .gauss_helmert import Fit, Told
 
 # What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
 # factor: else it is that noise which residuals and column have in common. By the same factor the data must resolve a
@@ -50,25 +50,33 @@ def posterior_of_fit(
     ``beside`` are moves (p,) or (p, r) of the poses by errors that the noise does not hold.
     """
     C, p = fit.covariance, fit.linear.J.shape[-1]
-    columns: dict[ErrorKey, Array] = {}
+    columns: dict[ErrorKey, tuple[int, int]] = {}
     sd: dict[ErrorKey, float] = {}
-    for side, S, D in zip(noise.sides, map(joint_of, covariances_of(noise)), fit.linear.sides, strict=True):
+    for k, (side, S) in enumerate(zip(noise.sides, map(joint_of, covariances_of(noise)), strict=True)):
         for j, key in enumerate(() if S is None else S.keys):
-            assert S is not None
             if side == "camera" and key in (None, INTRINSICS):
                 key = INTRINSICS.number(j)
                 sd[key] = 1.0
             if key is not None:
-                columns[key] = (D @ S.shared[..., j, None])[..., 0]
+                columns[key] = k, j
     of_errors = {key: float(s) for error in errors for key, s in zip(error.keys, error.sd, strict=True)}
     sd = {key: s for key, s in (of_errors | sd).items() if key in columns}
-    f = np.stack([columns[key] for key in sd], axis=-1) if sd else np.zeros((*fit.residual.shape, 0))
     unit = np.array(list(sd.values()))
-    z, response, left = fit.told(f)
+    z, response, left = _told(fit, noise, [columns[key] for key in sd])
     left = left * np.outer(unit, unit)
     C = C + sum(map(of_moves, (beside or {}).values()), np.zeros(()))
     joint = np.block([[C, response * unit], [(response * unit).T, left]])
     return Posterior(tuple(sd), unit * z, 0.5 * (joint + joint.T), ("X", "W")[: p // 6])
+
+
+def _told(fit: Fit, noise: Noise, columns: Sequence[tuple[int, int]]) -> Told:
+    """`Fit.told` of columns of the noise that the fit is of, by the number of their side and their own on that side."""
+    sides = [joint_of(S) for S in covariances_of(noise)]
+    if joint_of(fit.S) is None:
+        f = [fit.linear.sides[k] @ S.shared[..., j, None] for k, j in columns if (S := sides[k]) is not None]
+        return fit.told(np.concatenate([*f, np.zeros((*fit.residual.shape, 0))], axis=-1))
+    before = 0 if sides[0] is None else sides[0].shared.shape[-1]  # S has those of the first side first
+    return fit.told_of_shared.of(np.array([j + k * before for k, j in columns], dtype=np.intp))
 
 
 def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
@@ -86,7 +94,7 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
         of = [j for j, key in enumerate(S.keys) if key is not None and key.error == DRIFTS[moved]]
         if of:
             f = fit.linear.sides[1] @ S.shared[..., of]
-            z, _, left = fit.told(f)
+            z, _, left = _told(fit, noise, [(1, j) for j in of])
             xi = np.linalg.solve(fit.linear.J[..., place], f)
             found[place, place] = np.mean(xi @ (np.outer(z, z) + left) @ xi.mT, axis=0)
     values, vectors = np.linalg.eigh(found)
@@ -99,8 +107,9 @@ def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -
     if not any(F is not None and F.size for F in shared):
         return None
     found = []
-    for T, D, F in zip((first, second), fit.linear.sides, shared, strict=True):
-        found.append(T if F is None else perturb(T, -F @ fit.told(D @ F).z))
+    for k, (T, F) in enumerate(zip((first, second), shared, strict=True)):
+        z = None if F is None else _told(fit, noise, [(k, j) for j in range(F.shape[-1])]).z
+        found.append(T if F is None else perturb(T, -F @ z))
     return found[0], found[1]
 
 

@@ -9,7 +9,7 @@ difference d between the copy and the pose has
 Sums over rows give all moments at once. Directions of d that the other rows do not determine (share of M in B^T B below
 `MIN_INFORMATION_SHARE`) do not count: 6 minus their number. Of all moments the one with the largest chi-square is kept;
 its p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that is less). Of
-more than `MAX_MOMENTS` moments as many, evenly spread, are tried.
+more moments than a thousand as many, evenly spread, are tried.
 Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
 """
 
@@ -34,8 +34,6 @@ MIN_INFORMATION_SHARE = 1e-5
 MIN_MOMENTS = 3
 # Moments in a row of which most views are rejected that make a run.
 MIN_RUN = 5
-# A step is looked for at as many moments at most.
-MAX_MOMENTS = 1000
 # Probability of a false finding in one data set: it is one of about ten tests.
 FALSE_FINDING = DOUBTFUL.probability / 10
 
@@ -60,7 +58,7 @@ class Moments(NamedTuple):
     of_group: NDArray[np.intp]  # (g,) bin of each group, in the order of the rows
 
     @classmethod
-    def of(cls, moment: NDArray[np.intp], most: int = MAX_MOMENTS) -> Moments:
+    def of(cls, moment: NDArray[np.intp], most: int = 1000) -> Moments:
         """Put groups of rows at these moments into bins; no moment is in two."""
         order = np.argsort(moment, kind="stable")
         at = moment[order]

@@ -53,8 +53,6 @@ from ..likelihood.constraint import MIN_RESOLVED_SHARE, Linearised
 # Added to the diagonal of H scaled to ones, which rounding may otherwise leave not positive definite. Results
 # depend on it where the data hardly determine X: 4e-15 more changes covariances of real data by up to 1e-6.
 RIDGE_OF_INFORMATION = 1e-14
-# Rows of one view: groups of a single view are whitened by one loop for all of them.
-ROWS_OF_A_VIEW = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +142,7 @@ class _Prepared(NamedTuple):
             parts = (s[:, self.numbers] ** 2) @ self.blocks.reshape(len(self.numbers), -1)
             V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
         white = np.empty((len(s), q, d, n))
-        if d > ROWS_OF_A_VIEW:  # larger groups: LAPACK and BLAS group by group
+        if d > 6:  # groups of several views: LAPACK and BLAS group by group, one loop for all of the small ones
             L_inv = np.linalg.inv(checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1))))
             white[:] = (L_inv @ self.by_group).transpose(0, 3, 2, 1)
             half = np.asarray(L_inv, dtype=float).transpose(2, 3, 0, 1)

@@ -45,8 +45,8 @@ HALF_WIDTH = 0.15
 MIN_TILT_COSINE = 0.05
 # Smallest depth of a point, over the median distance of the target.
 MIN_DEPTH = 0.05
-# Poses whose points are handled at once, and those of which results are kept at most.
-POSES_TOGETHER, MAX_KEPT_POSES = 1000, 20_000
+# Results of more poses are not kept.
+MAX_KEPT_POSES = 20_000
 # Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
 
@@ -113,12 +113,12 @@ def _view_block(camera: Array, distance: float, centre: Array, across: Array) ->
     return np.asarray(root)
 
 
-def _in_parts(function: Callable[[Array], Array], camera: Array) -> Array:
-    """Values of a function of each pose (n, 4, 4), of `POSES_TOGETHER` at once."""
-    if len(camera) <= POSES_TOGETHER:
+def _in_parts(function: Callable[[Array], Array], camera: Array, together: int = 1000) -> Array:
+    """Values of a function of each pose (n, 4, 4), of so many at once."""
+    if len(camera) <= together:
         return function(camera)
-    starts = range(0, len(camera), POSES_TOGETHER)
-    return np.concatenate([function(camera[start : start + POSES_TOGETHER]) for start in starts])
+    starts = range(0, len(camera), together)
+    return np.concatenate([function(camera[start : start + together]) for start in starts])
 
 
 def lines_of_sight(camera: Array) -> Array:
