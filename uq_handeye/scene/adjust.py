@@ -27,8 +27,8 @@ from .tracks import Tracks
 
 # Damping of the steps, relative to the diagonal, at the start.
 START_DAMPING = 1e-4
-# Points of which the normal equations are formed at once.
-POINTS_AT_ONCE = 2000
+# Numbers of the dense derivatives of which the normal equations are formed at once.
+NUMBERS_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,20 +139,20 @@ def weights_of(residuals: Array, s: float) -> Array:
 def reduce(scene: Scene, s: float, weights: Array | None = None, damping: float = 0.0) -> Reduced:
     """Form the normal equations at a scene, with pixel noise s; weights None: those of the residuals."""
     t, n, f = scene.tracks, scene.tracks.n, scene.lens.f
-    R = scene.poses[t.picture, :3, :3]
     seen = scene._seen()
     found = scene.lens.project(seen, t.picture, derivatives=True)
     r = found.pixels - t.pixels
     w = weights_of(r, s) if weights is None else weights
     root = (np.sqrt(w) / s)[:, None, None]
     J = root * found.by_point
-    A = J @ R
+    A = J @ scene.poses[t.picture, :3, :3]
     # of each observation: B (2, 6), K (2, f), r (2,)
     rows = np.empty((len(t), 2, 7 + f))
     rows[..., :3] = -J @ skew(seen - scene.poses[t.picture, :3, 3])
     rows[..., 3:6] = J
     rows[..., 6 : 6 + f] = root * found.by_parameters
     rows[..., 6 + f] = root[..., 0] * r
+    del found, J, seen  # memory: there are up to some 100,000 observations
     normal = np.zeros((n, 7 + f, 7 + f))
     for k, of_picture in enumerate(t.of_each_picture):
         some = rows[of_picture].reshape(-1, 7 + f)
@@ -161,27 +161,28 @@ def reduce(scene: Scene, s: float, weights: Array | None = None, damping: float 
     U, V = normal[:, :6, :6].copy(), t.by_point(A.mT @ A)
     lens, slope_of_lens = normal[:, 6:-1, 6:-1].sum(axis=0), normal[:, 6:-1, -1].sum(axis=0)
     lens, slope_of_lens = lens + by_lens.T @ by_lens, slope_of_lens + by_lens.T @ prior
-    W = A.mT @ rows  # (N, 3, 7 + f)
-    of_points = t.by_point(W[..., 6:])  # (m, 3, f + 1)
-    W = W[..., :6]
+    W = A.mT @ rows[..., :6]  # (N, 3, 6)
+    of_points = t.by_point(A.mT @ rows[..., 6:])  # (m, 3, f + 1)
+    del A, rows
     own = U.copy()
     if damping:
         for M in (U, V, lens[None]):
             M += damping * M * np.eye(M.shape[-1])
     ridge = 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     half = np.linalg.inv(np.linalg.cholesky(V + ridge))
-    Y, y = half[t.point] @ W, half @ of_points  # (N, 3, 6), (m, 3, f + 1)
+    y = half @ of_points  # (m, 3, f + 1)
     S, g = np.zeros((6 * n + f, 6 * n + f)), np.zeros(6 * n + f)
     blocks = S[: 6 * n, : 6 * n].reshape(n, 6, n, 6)
     blocks[np.arange(n), :, np.arange(n), :] = U
     S[: 6 * n, 6 * n :], g[: 6 * n] = normal[:, :6, 6:-1].reshape(6 * n, f), normal[:, :6, -1].ravel()
     S[6 * n :, 6 * n :], g[6 * n :] = lens, slope_of_lens
     ends = np.append(t.first, len(t))
-    for start in range(0, t.m, POINTS_AT_ONCE):
-        stop = min(start + POINTS_AT_ONCE, t.m)
+    at_once = max(NUMBERS_AT_ONCE // (18 * n), 1)
+    for start in range(0, t.m, at_once):
+        stop = min(start + at_once, t.m)
         part = slice(ends[start], ends[stop])
         dense = np.zeros((stop - start, 3, n, 6))
-        dense[t.point[part] - start, :, t.picture[part]] = Y[part]
+        dense[t.point[part] - start, :, t.picture[part]] = half[t.point[part]] @ W[part]
         whole = np.concatenate([dense.reshape(-1, 6 * n), y[start:stop].reshape(-1, f + 1)], axis=-1)
         product = whole.T @ whole
         S -= product[:-1, :-1]

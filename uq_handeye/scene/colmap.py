@@ -27,6 +27,8 @@ from .adjust import Scene
 from .lens import Lens
 from .tracks import Tracks
 
+# Features of a picture at most, and with weak ones; of more pictures than so many fewer, by the root of their number.
+MOST_FEATURES, MOST_WEAK, PICTURES_OF_MOST = 3000, 8192, 25
 # Fewer features of a picture are few: weak ones are taken as well.
 FEW_FEATURES = 500
 # Pictures up to this number are matched each with each; more only with their neighbours.
@@ -228,7 +230,8 @@ def features(
         old.unlink()
     options = module.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
-    options.sift.max_num_features = most = 8192 if weak else 3000  # of a picture
+    most = int((MOST_WEAK if weak else MOST_FEATURES) * min(1.0, np.sqrt(PICTURES_OF_MOST / len(names))))
+    options.sift.max_num_features = most
     options.sift.first_octave = -1 if weak else 0
     if weak:
         options.sift.peak_threshold = 0.0015  # the least contrast
