@@ -27,3 +27,13 @@ def test_a_rig_beyond_the_free_memory_is_refused_in_one_line(monkeypatch):
     ) as found:
         uq.calibrate(rig)
     assert "\n" not in str(found.value)
+
+
+def test_one_camera_is_refused_before_the_fit(monkeypatch):
+    poses = uq.simulate(n_poses=10, seed=1, noise=uq.PoseNoise.isotropic(robot=("1mrad", "1mm")))
+    monkeypatch.setattr(memory, "free_bytes", lambda: 50_000)
+    with pytest.raises(uq.InputError, match=r"A fit to 10 poses needs about .* GB of memory"):
+        uq.calibrate(uq.PosePairs(poses.robot, poses.camera))
+    with pytest.raises(uq.InputError, match=r"every second row"):
+        uq.calibrate(poses, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm")))
+    assert uq.calibrate(poses, method="park").X.shape == (4, 4)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
-from ..core.runtime.memory import require_memory
+from ..core.runtime.memory import FEWER_POSES, require_memory
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..findings import Finding
@@ -117,7 +117,7 @@ def _require_memory(task: Task) -> None:
     graph = task.graph
     errors = ERRORS_OF_ARM * len(task.rig.arms) + ERRORS_OF_CAMERA * len(task.rig.cameras) if task.shared else 0
     needed = BYTES_PER_NUMBER * 6.0 * graph.E * (graph.p + errors)
-    require_memory(needed, f"A rig of {graph.E:,} views", "Give fewer poses, such as every second row of the files.")
+    require_memory(needed, f"A rig of {graph.E:,} views", FEWER_POSES)
 
 
 def _calibrated(task: Task, noise: NoiseByName | None) -> RigCalibration:

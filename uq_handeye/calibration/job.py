@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ..core.runtime.memory import FEWER_POSES, require_memory
 from ..errors import InputError, among, require_type
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
@@ -211,7 +212,16 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
         given=beside,
     )
     _require_open_sizes(job)
+    _require_memory(job)
     return job
+
+
+def _require_memory(job: Job, copies: int = 16, unknowns: int = 12) -> None:
+    """Raise `InputError` where so many copies of the columns of X, W and the shared errors are more than is free."""
+    if job.method in ESTIMATORS:
+        columns = unknowns + sum(len(error.keys) for error in job.shared)
+        needed = copies * 8.0 * 6.0 * len(job.data) * columns
+        require_memory(needed, f"A fit to {len(job.data):,} poses", FEWER_POSES)
 
 
 def _stands(poses: PosePairs | None) -> bool:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ...errors import InputError
 
+# What helps where files have more poses than memory serves.
+FEWER_POSES = "Give fewer poses, such as every second row of the files."
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 

@@ -108,8 +108,9 @@ def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -
         return None
     found = []
     for k, (T, F) in enumerate(zip((first, second), shared, strict=True)):
-        z = None if F is None else _told(fit, noise, [(k, j) for j in range(F.shape[-1])]).z
-        found.append(T if F is None else perturb(T, -F @ z))
+        if F is not None:
+            T = perturb(T, -F @ _told(fit, noise, [(k, j) for j in range(F.shape[-1])]).z)
+        found.append(T)
     return found[0], found[1]
 
 
