@@ -39,6 +39,7 @@ from studies.scene.sessions import (
 )
 from uq_handeye.core.geometry.se3 import Array, difference, inverse, perturb
 from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.scene_facts import SceneFacts
 from uq_handeye.scene.adjust import Scene, adjust, reduce
 from uq_handeye.scene.estimate import pull_of_robot
@@ -141,7 +142,7 @@ def of_tracks(row: Row, seed: int) -> dict[str, Any]:
     found = found.scaled(result.camera_scale.factor)
     result = calibrated(robot, found, s, covariance)
     line[EXACT] = scored(result, made.X)
-    each = np.tile(covariance, (len(robot), 1, 1))
+    each = JointCovariance.of_each(np.tile(covariance, (len(robot), 1, 1)))
     pull = pull_of_robot(robot, result.X, each, np.ones(len(robot)), eye_to_hand=False)
     # The start in the frame of the base: both have the first camera at one place.
     to_base = inverse(pull.poses)[0] @ found.poses[0]

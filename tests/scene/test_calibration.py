@@ -13,6 +13,7 @@ from uq_handeye.core.geometry.se3 import difference, inverse, perturb
 from uq_handeye.findings import Finding
 from uq_handeye.fit.input_checks.row_order import angle_disagreement, find_order
 from uq_handeye.fit.likelihood.screws import scale_by_screws
+from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.scene_facts import SceneFacts, SceneView
 from uq_handeye.scene import colmap
 from uq_handeye.scene.colmap import Model
@@ -162,7 +163,8 @@ def test_the_pull_of_the_robot_is_least_where_the_robot_is(placed, eye_to_hand):
     sim, _ = placed
     robot = inverse(sim.robot) if eye_to_hand else sim.robot
     S = np.tile(np.diag([1e-7] * 3 + [1e-8] * 3), (14, 1, 1))
-    pull = pull_of_robot(robot, X_TRUE, S, np.ones(14), eye_to_hand)
+    own = JointCovariance.of_each(S)
+    pull = pull_of_robot(robot, X_TRUE, own, np.ones(14), eye_to_hand)
     # another X costs nothing; an error of a robot pose what its covariance says, once X is at its best
     other = inverse(sim.robot @ perturb(X_TRUE, np.array([1e-5, 0, 2e-5, 1e-5, 0, 0])))
     assert pull.at(other)[0] < 1e-4
@@ -171,6 +173,12 @@ def test_the_pull_of_the_robot_is_least_where_the_robot_is(placed, eye_to_hand):
     cost = pull.at(inverse((inverse(moved) if eye_to_hand else moved) @ X_TRUE))[0]
     assert 0.7 < cost < 1.0 + 1e-6
     assert np.allclose(pull.of_pictures(np.arange(14)).information, pull.information)
+    # an error that all robot poses share costs about its size once, however many poses show it
+    F = 1e-3 * np.random.default_rng(0).normal(size=(14, 6, 1))
+    shared = perturb(robot, F[..., 0])
+    C = inverse((inverse(shared) if eye_to_hand else shared) @ X_TRUE)
+    joint = pull_of_robot(robot, X_TRUE, JointCovariance(own.own, F), np.ones(14), eye_to_hand)
+    assert joint.at(C)[0] < 1.1 and pull.at(C)[0] > 100
 
 
 @pytest.mark.slow
@@ -242,6 +250,20 @@ def test_bad_input(tmp_path):
     with pytest.raises(uq.InputError, match="robot pose for each of 6 pictures, got 2"):
         uq.scene_poses(f"{tmp_path}/*.png", np.tile(np.eye(4), (2, 1, 1)))
     pytest.importorskip("pycolmap")
+    Image = pytest.importorskip("PIL.Image")
+    for k in range(6):
+        Image.fromarray(np.full((240, 320), 100 + k, np.uint8)).save(tmp_path / f"b{k}.png")
+    Image.fromarray(np.full((60, 80), 255, np.uint8)).save(tmp_path / "small.bmp")
+    Image.fromarray(np.zeros((240, 320), np.uint8)).save(tmp_path / "black.bmp")
+    for mask, said in (
+        ("a0.png", "cannot be read"),
+        ("small.bmp", "320 x 240, got 80 x 60"),
+        ("black.bmp", "is black"),
+    ):
+        with pytest.raises(uq.InputError, match=said):
+            uq.scene_poses(f"{tmp_path}/b*.png", mask=tmp_path / mask)
+    for k in range(6):
+        (tmp_path / f"b{k}.png").unlink()
     with pytest.raises(uq.InputError, match=r"a0\.png.* as a picture of the scene"):
         uq.scene_poses(f"{tmp_path}/*.png")
 

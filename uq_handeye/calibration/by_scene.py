@@ -30,6 +30,7 @@ from ..findings import Finding
 from ..fit.input_checks.row_order import DISAGREEMENT, angle_disagreement, find_order
 from ..fit.likelihood.screws import scale_by_screws
 from ..model.camera.picture_files import picture_paths
+from ..model.noise.joint_covariance import JointCovariance, joint_of
 from ..model.noise.models import PoseNoise, marginals
 from ..model.poses.pose_pairs import PosePairs, frozen_poses
 from ..model.poses.scene_facts import SceneFacts
@@ -120,8 +121,7 @@ def scene_poses(
     poses = None if robot is None else robot_poses(robot, len(paths), setup)
     known = None if intrinsics is None else _known(intrinsics, paths)
     if mask is not None:
-        with opened(as_path(mask), MAX_TABLE_BYTES):
-            pass
+        _require_mask(as_path(mask), size_of(paths[0]))
     with TemporaryDirectory(prefix="uq-handeye-") as folder, one_thread():
         return _Run(paths, poses, setup, known, say or silent).run(
             Path(folder), None if mask is None else as_path(mask)
@@ -188,6 +188,26 @@ def robot_poses(robot: ArrayLike | StrPath, n: int, setup: str) -> Array:
             "and poses without a picture."
         )
     return np.asarray(poses)
+
+
+def _require_mask(mask: Path, size: tuple[int, int]) -> None:
+    """Raise `InputError` where a mask is no picture of a size (width, height), or black everywhere."""
+    from PIL import Image
+
+    with opened(mask, MAX_TABLE_BYTES):
+        pass
+    try:
+        with Image.open(mask) as picture:
+            kept, found = np.asarray(picture.convert("L")) > 0, picture.size
+    except OSError:
+        raise InputError(f"{shown(mask)} (--mask) cannot be read as a picture.") from None
+    if found != size:
+        raise InputError(
+            f"Expected {shown(mask)} (--mask) to have the size of the pictures, {size[0]} x {size[1]}, got "
+            f"{found[0]} x {found[1]}."
+        )
+    if not kept.any():
+        raise InputError(f"{shown(mask)} (--mask) is black everywhere: it is black where the gripper is, else white.")
 
 
 def _known(intrinsics: Known | StrPath, paths: list[Path]) -> Known:
@@ -334,13 +354,17 @@ class _Run:
         if table is not None:
             weights[main.rows] = table.weight
         assert isinstance(noise, PoseNoise)
-        total = np.zeros((main.n, 6, 6))
-        if noise.robot is not None:
-            total += marginals(noise.robot)
-        each = np.tile(np.median(total, axis=0), (n, 1, 1))
-        each[main.rows] = total
-        each = 0.5 * (each + each.mT)
-        return start, pull_of_robot(self.robot, result.X, each, weights, self.setup == "eye-to-hand")
+        zero = np.zeros((main.n, 6, 6))
+        joint = joint_of(noise.robot)
+        if joint is None:
+            joint = JointCovariance.of_each(zero if noise.robot is None else zero + marginals(noise.robot))
+        total = marginals(joint)  # pictures that are not placed yet have an error by themselves
+        own = np.tile(np.median(total, axis=0), (n, 1, 1))
+        own[main.rows] = joint.own
+        shared = np.zeros((n, 6, joint.shared.shape[-1]))
+        shared[main.rows] = joint.shared
+        covariance = JointCovariance(0.5 * (own + own.mT), shared)
+        return start, pull_of_robot(self.robot, result.X, covariance, weights, self.setup == "eye-to-hand")
 
     def _result(self, main: Placed, seen: Matched, sd: Array, scale_sd: float | None) -> ScenePoses:
         poses, covariance = measured_poses(main)

@@ -74,13 +74,16 @@ def adjusted(model: Model, pull: Pull | None = None) -> Placed:
     return Placed(rows, scene, noise, colours)
 
 
-def pull_of_robot(robot: Array, X: Array, covariance: Array, weights: Array, eye_to_hand: bool) -> Pull:
+def pull_of_robot(robot: Array, X: Array, covariance: JointCovariance, weights: Array, eye_to_hand: bool) -> Pull:
     """Knowledge of the camera poses of a scene, in the base frame, from robot poses and X; X is integrated over.
 
-    ``robot`` (n, 4, 4) base_T_gripper, their ``covariance`` (n, 6, 6), which the robust ``weights`` (n,) divide. With
-    ``T = G X`` (G inverted for eye-to-hand) and ``C = T^-1``:
+    ``robot`` (n, 4, 4) base_T_gripper, their ``covariance``, of which the robust ``weights`` (n,) divide what each pose
+    has by itself. With ``T = G X`` (G inverted for eye-to-hand) and ``C = T^-1``:
 
         zeta_i = E_i (D_i xi_i + M_i xi_X),   E = [[-R^T, 0], [-R^T [t]x, -R^T]],   D = [[1, 0], [-[R_G t_X]x, 1]]
+
+    With A = blkdiag(E_i D_i S_i D_i^T E_i^T)^-1 of the own parts S_i and K the errors E_i D_i F_i that all poses share,
+    such as the accuracy of the arm, the information is ``A - A K (1 + K^T A K)^-1 K^T A``.
     """
     n = len(robot)
     G = inverse(robot) if eye_to_hand else robot
@@ -91,12 +94,14 @@ def pull_of_robot(robot: Array, X: Array, covariance: Array, weights: Array, eye
     by_X[:, :3, :3] = by_X[:, 3:, 3:] = R_G
     to_pose = E @ D @ (inverse_jacobian(robot) if eye_to_hand else np.eye(6))
     # an exact robot is as exact as 1e-6 rad and m; a pose that was rejected has a small weight
-    S = (covariance + 1e-6**2 * np.eye(6)) / np.maximum(weights, 1e-8)[:, None, None]
+    S = (covariance.own + 1e-6**2 * np.eye(6)) / np.maximum(weights, 1e-8)[:, None, None]
     each = np.linalg.inv(to_pose @ S @ to_pose.mT)
-    M = E @ by_X
-    gain = (each @ M).reshape(6 * n, 6)
-    M, information = M.reshape(6 * n, 6), np.zeros((6 * n, 6 * n))
+    M, information = (E @ by_X).reshape(6 * n, 6), np.zeros((6 * n, 6 * n))
     information.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :] = each
+    K = (to_pose @ covariance.shared).reshape(6 * n, -1)
+    AK = information @ K
+    information -= AK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ AK, AK.T)
+    gain = information @ M
     information -= gain @ np.linalg.pinv(M.T @ gain, 1e-13, hermitian=True) @ gain.T
     return Pull(inverse(T), 0.5 * (information + information.T))
 
