@@ -36,8 +36,12 @@ def test_a_known_scene_is_read_as_it_was_written():
     assert np.array_equal(again.descriptors, known.descriptors) and not again.weak
     assert again.scene.lens.names == known.scene.lens.names
     assert packed(None) == ""
-    with pytest.raises(uq.InputError, match="scene of the result cannot be read"):
-        unpacked("AAAA")
+    for text in ("AAAA", "no base64", packed(known)[:2000]):
+        with pytest.raises(uq.InputError, match="scene of the result cannot be read"):
+            unpacked(text)
+    other = known._replace(described=known.described + len(known.scene.tracks))
+    with pytest.raises(uq.InputError, match="do not belong together"):
+        unpacked(packed(other))
 
 
 @pytest.mark.statistical

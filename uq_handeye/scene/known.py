@@ -22,8 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files.one_line import OF_DATA, refused
+from ..core.files.one_line import refused
 from ..core.geometry.se3 import Array, difference, perturb
+from ..errors import InputError
+from ..formats.numpy_poses import members
 from ..model.camera.models import CORNER_PX
 from ..model.noise.joint_covariance import JointCovariance
 from . import colmap
@@ -107,10 +109,8 @@ def packed(known: KnownScene | None) -> str:
 
 def unpacked(text: str) -> KnownScene:
     """Return the known scene of `packed`; raises `InputError` for anything else."""
-    with (
-        refused("the scene of the result cannot be read", OF_DATA),
-        np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as of,
-    ):
+    with refused("the scene of the result cannot be read"):
+        of = members(base64.b64decode(text), "the scene of the result")
         width, height = (int(value) for value in of["image_size"])
         names = tuple(map(str, of["names"]))
         point = np.cumsum(of["point"].astype(np.intp))
@@ -119,6 +119,13 @@ def unpacked(text: str) -> KnownScene:
         lens = Lens(values, free > 0, mean, sd, bool(of["square"]))
         scene = Scene(tracks, of["adjusted"], of["points"], lens)
         described = of["described"].astype(np.intp)
+        beyond = (
+            tracks.picture.max() >= len(scene.poses),
+            point.max() >= len(scene.points),
+            described.max() >= len(point),
+        )
+        if any(beyond) or len(of["descriptors"]) != len(described) or len(of["poses"]) != len(scene.poses):
+            raise InputError("the scene of the result: its arrays do not belong together.")
         return KnownScene(scene, of["poses"], described, of["descriptors"], bool(of["weak"]))
 
 
