@@ -102,4 +102,9 @@ def require_one_of(name: str, value: Any, names: Collection[str], option: str = 
 
 
 class InputWarning(UserWarning):
-    """Input that can be used but looks wrong; the message says why and what to try."""
+    """Input that can be used but looks wrong; the message says why and what to try.
+
+    ``code``: of the finding that it states, if it is of one.
+    """
+
+    code: str = ""

@@ -316,8 +316,11 @@ def texts(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 def warn(findings: Iterable[Finding], stacklevel: int = 2) -> None:
     """Give an `InputWarning` for each that is more than a note; ``stacklevel`` as seen from the caller."""
-    for text in texts(findings):
-        warnings.warn(text, InputWarning, stacklevel=stacklevel + 1)
+    for finding in findings:
+        if finding.severity != "note":
+            warning = InputWarning(str(finding))
+            warning.code = finding.code
+            warnings.warn(warning, stacklevel=stacklevel + 1)
 
 
 def _unworded(finding: Finding) -> str:

@@ -52,7 +52,7 @@ from ...model.poses.motions import Motions, relative_motions, spread_pairs
 from ...model.poses.pose_pairs import PosePairs, pairs_of
 from ...model.poses.residuals import Residuals, residuals, summarise
 from ...model.shared_errors.shared_error import SharedError
-from .result import CHI2_95, Comparison, Row, against, squared_distance, without_numbers
+from .result import CHI2_95, Comparison, Row, against, squared_distance
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -199,9 +199,7 @@ def compare_rows(
     def judged(row: Row) -> Residuals | None:
         return None if row.X is None else summarise(*residuals(work.seen.A, work.seen.B, row.X))
 
-    rows = [
-        against(replace(row, warnings=own[row.method], residuals=row.residuals or judged(row)), base) for row in rows
-    ]
+    rows = [against(replace(row, residuals=row.residuals or judged(row)), base) for row in own]
     result = Comparison(
         rows=tuple(rows),
         reference=None if base is None else base.method,
@@ -306,8 +304,11 @@ def _row(
     for warning in caught:
         if not issubclass(warning.category, InputWarning):
             warnings.warn(warning.message, warning.category, stacklevel=2)
-    texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
-    return replace(row, warnings=tuple(dict.fromkeys([*row.warnings, *texts])))
+    found = dict(zip(row.warnings, row.kinds, strict=True))
+    for warning in caught:
+        if isinstance(warning.message, InputWarning):
+            found.setdefault(str(warning.message), warning.message.code or str(warning.message))
+    return replace(row, warnings=tuple(found), kinds=tuple(found.values()))
 
 
 def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Callable[[], object]:
@@ -352,7 +353,7 @@ def _without_covariance(
     except REFUSALS:
         return replace(row, failure=_said(error))
     row = replace(row, X=found.X, converged=True, iterations=found.iterations)
-    return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",))
+    return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",), kinds=("no covariance",))
 
 
 def _refused(row: Row, error: Exception, refused: Callable[[InputError], Row] | None, motions: Motions | None) -> Row:
@@ -391,10 +392,20 @@ def _seconds(function: Callable[[], object]) -> float:
     return min(times)
 
 
-def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Return the warnings of the reference (of all methods if none succeeded), and what each method has beyond them."""
-    common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
-    own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
+def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], list[Row]]:
+    """Return the warnings of the reference (of all methods if none succeeded), and the rows with what is beyond them.
+
+    Warnings are the same if they are of findings of one code, whatever their numbers.
+    """
+    common = {
+        kind: text
+        for row in (rows if base is None else [base])
+        for kind, text in zip(row.kinds, row.warnings, strict=True)
+    }
+    own = []
+    for row in rows:
+        more = [one for one in zip(row.kinds, row.warnings, strict=True) if one[0] not in common]
+        own.append(replace(row, kinds=tuple(kind for kind, _ in more), warnings=tuple(text for _, text in more)))
     return tuple(common.values()), own
 
 
@@ -442,6 +453,7 @@ def compare_result(result: Calibration) -> Compared:
         covariance=result.covariance,
         residuals=result.residuals if result.residuals.pairs == motions.N else None,
         warnings=result.warnings,
+        kinds=tuple(finding.code for finding in result.findings if finding.severity != "note"),
     )
     names, estimated = [base.method, *METHODS], result.noise_estimate is not None
     with warnings.catch_warnings():

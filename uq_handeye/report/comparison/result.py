@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,9 +92,9 @@ class Comparison:
         first: dict[str, str] = {}
         names: dict[str, list[str]] = {}
         for row in self.rows:
-            for text in (one.replace(f"method '{row.method}'", "the method") for one in row.warnings):
-                first.setdefault(without_numbers(text), text)
-                names.setdefault(without_numbers(text), []).append(row.method)
+            for kind, text in zip(row.kinds, row.warnings, strict=True):
+                first.setdefault(kind, text.replace(f"method '{row.method}'", "the method"))
+                names.setdefault(kind, []).append(row.method)
         return [f"{', '.join(names[kind])}: {text}" for kind, text in first.items()]
 
     @property
@@ -181,6 +180,7 @@ class Row(Record):
     not_run: bool = False  # its extra is not installed
     failure: str | None = None  # why there is no result, or none to rely on
     warnings: tuple[str, ...] = ()  # beyond those of the comparison
+    kinds: tuple[str, ...] = ()  # of the warnings: codes of their findings, or the text
     xi: Array | None = None  # (6,) difference (theta, tau) from the reference
     d2: float | None = None  # xi^T covariance^-1 xi; infinite where the covariance leaves no room
     agrees: bool | None = None  # d2 <= CHI2_95; None: not known
@@ -310,11 +310,6 @@ def flat(row: Row, base: Row | None) -> JsonObject:
 
 def _scaled(value: float | None, factor: float) -> float | None:
     return None if value is None else factor * value
-
-
-def without_numbers(text: str) -> str:
-    """Replace every number of a text by #, so that texts that differ only in numbers become equal."""
-    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
 
 
 def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool, most: int | None = None) -> str:

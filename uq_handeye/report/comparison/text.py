@@ -24,7 +24,7 @@ from ...core.presentation.document import (
     document_of,
     to_text,
 )
-from .result import Comparison, Row, apart, digits, to_rely_on, verdict, without_numbers
+from .result import Comparison, Row, apart, digits, to_rely_on, verdict
 
 # Of each column its name and unit, and what a row shows there; the verdict needs the reference.
 _Show = Callable[["Row"], str]
@@ -170,7 +170,7 @@ def _table_of(comparison: Comparison, columns: range, verbose: bool = False) -> 
     names = [row.method + mark for row, mark in zip(comparison.rows, marks, strict=True)]
     for row, name in zip(comparison.rows, names, strict=True):
         if row.X is None:
-            like = causes.setdefault(without_numbers(row.failure or ""), row.method)
+            like = causes.setdefault(row.failure or "", row.method)
             reason = f"{row.status}: {row.failure if like == row.method else f'like {like}'}"
             text = reason if verbose else shorten(reason, 60, placeholder=" ...")
             rows.append([row.method if verbose else name.ljust(max(map(len, names))), (text, len(columns))])
