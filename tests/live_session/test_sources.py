@@ -5,6 +5,7 @@ import json
 import sys
 import threading
 from types import SimpleNamespace as Fields
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -242,3 +243,27 @@ def test_a_point_of_a_stored_result(tmp_path):
         assert "500.0, 100.0, 300.0 mm" in page._words.content
     finally:
         page.close()
+
+
+class SceneOfTwelve(NamedTuple):
+    """Pictures of a scene whose camera poses are known."""
+
+    images: str
+    camera: np.ndarray
+
+    def paired(self, paths, robot, setup):
+        return uq.PosePairs(robot, self.camera[: len(paths)], setup)
+
+
+def test_pictures_of_a_scene_are_paired_with_the_robot_poses_that_are_there(tmp_path):
+    poses = uq.simulate(n_poses=12, seed=3)
+    folder = Folder(tmp_path, {"setup": "eye-in-hand"}, SceneOfTwelve(f"{tmp_path}/*.png", poses.camera))
+    assert folder.read() == (0, None)
+    for k in range(9):
+        (tmp_path / f"img{k}.png").write_bytes(b"")
+    uq.write_pose_file(tmp_path / "robot.csv", poses.robot[:5])
+    assert folder.read() == (5, None)  # a scene needs six
+    uq.write_pose_file(tmp_path / "robot.csv", poses.robot[:8])
+    n, found = folder.read()
+    assert n == 8 and np.allclose(found.robot, poses.robot[:8]) and np.array_equal(found.camera, poses.camera[:8])
+    assert found.sources[0].format == "csv"

@@ -16,6 +16,7 @@ from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
+    from ..core.geometry.se3 import Array
     from ..model.camera.adjustment.setting import Known
     from ..model.camera.board_shape import BoardShape
     from ..model.camera.corners import Corners
@@ -204,6 +205,13 @@ class Scene(Pictures):
         if pairs.setup != setup:
             raise InputError(f"The pose file says {pairs.setup}. Add --setup {pairs.setup}.")
         return pairs
+
+    def paired(self, paths: list[Path], robot: "Array", setup: str) -> "PosePairs":
+        """Return the poses of pictures that have arrived with those of the robot (n, 4, 4)."""
+        from ..calibration.by_scene import scene_poses
+
+        known = known_of_scene(self.lens.intrinsics, self.lens.read_roi())
+        return scene_poses(paths, robot, setup=setup, intrinsics=known, mask=self.mask).pairs
 
 
 def known_of_scene(

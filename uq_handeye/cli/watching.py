@@ -22,14 +22,11 @@ if TYPE_CHECKING:
 
 
 def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> "Folder":
-    """Return the folder, with the options by which its files are read; raises `InputError` for a scene."""
+    """Return the folder, with the options by which its files are read; a scene needs pictures."""
     from ..use.live_session.folder import Folder
 
-    if isinstance(seen, Scene):
-        raise InputError(
-            "--scene takes all pictures at once, not one by one. Take them first, then uq-handeye calibrate ROBOT "
-            "--images PATTERN --scene."
-        )
+    if isinstance(seen, Scene) and not seen.images:
+        raise InputError("--scene needs pictures. Add --images 'PATTERN'.")
     return Folder(path, files.reading, seen if isinstance(seen, Pictures) else None)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..model.poses.pose_pairs import PosePairs
 
 def read_arrived(
     robot: Sequence[Path],
-    camera: Sequence[Path] | CameraCalibration | None,
+    camera: Sequence[Path] | CameraCalibration | Callable[[Array, str], PosePairs] | None,
     *,
     setup: str | None = None,
     units: tuple[str | None, str | None] = (None, None),
@@ -34,7 +35,8 @@ def read_arrived(
     ----------
     robot, camera : paths
         In the order in which their poses are counted. ``camera=None``: the files of ``robot`` hold both sides.
-        A calibrated camera: its pictures belong to the rows of the robot poses.
+        A calibrated camera: its pictures belong to the rows of the robot poses. A function: it pairs the robot poses
+        (n, 4, 4), of a setup, with camera poses.
     setup, units, format, rotation, robot_frame, camera_frame
         As in `read_poses`, of both sides.
 
@@ -45,7 +47,7 @@ def read_arrived(
     """
     said = {setup} - {None}
     seen = camera if isinstance(camera, CameraCalibration) else None
-    of_camera = camera if seen is None else ()
+    of_camera = () if isinstance(camera, CameraCalibration) or callable(camera) else camera
     sides: list[tuple[list[Array], list[Array | None]]] = []
     sources: list[Source] = []
     for role, paths, form, unit, numbers, frame in zip(
@@ -71,6 +73,8 @@ def read_arrived(
     if chosen not in SETUPS:
         raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {chosen!r}.")
     G = _stacked(sides[0][0])
+    if callable(camera):
+        return replace(camera(G, chosen), sources=tuple(sources))
     if seen is not None:
         if seen.rows[-1] >= len(G):
             raise InputError(f"Picture {seen.rows[-1]} has no robot pose yet: there are {len(G)}.")

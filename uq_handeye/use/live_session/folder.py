@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from ...core.formatting.units import parse_length
+from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
@@ -34,6 +35,17 @@ class Seen(Protocol):
 
     def calibrate(self, corners: Corners) -> CameraCalibration:
         """Return the calibrated camera."""
+
+
+@runtime_checkable
+class SeenScene(Protocol):
+    """Pictures of a scene: where they are, and what makes poses of them."""
+
+    @property
+    def images(self) -> str: ...
+
+    def paired(self, paths: list[Path], robot: Array, setup: str) -> PosePairs:
+        """Return the poses of pictures with those of the robot (n, 4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ class Folder:
 
     path: Path
     how: Mapping[str, Any] = field(default_factory=dict)
-    seen: Seen | None = None
+    seen: Seen | SeenScene | None = None
 
     def state(self) -> State:
         """Return names, sizes and times of change of the files."""
@@ -102,6 +114,8 @@ class Folder:
 
         robot, camera = self._sides()
         poses: PosePairs | None
+        if isinstance(self.seen, SeenScene):
+            return self._with_scene(self.seen, robot)
         if self.seen is not None:
             return self._with_pictures(self.seen, robot)
         formats = self.how.get("format", (None, None))
@@ -142,6 +156,17 @@ class Folder:
         assert poses is not None
         poses = resolve_pose_ambiguity(resolve_board_rotation(poses, board))
         return n, replace(poses, sources=(*poses.sources, source_of(paths[:n], board)))
+
+    def _with_scene(self, scene: SeenScene, robot: list[Path]) -> tuple[int, PosePairs | None]:
+        from ...read.arrived import count_arrived, read_arrived
+        from ...scene.estimate import MIN_PICTURES_OF_SCENE
+
+        paths = self._pictures()
+        n = min(len(paths), count_arrived(robot, self.how.get("format", (None, None))[0]))
+        if n < MIN_PICTURES_OF_SCENE:
+            return n, None
+        of_robot = {name: value for name, value in self.how.items() if name != "camera_frame"}
+        return n, read_arrived(robot, lambda G, setup: scene.paired(paths[:n], G[:n], setup), **of_robot)
 
     def pictures_of(self, poses: PosePairs) -> list[Path]:
         """Return the picture of each pose: those of the board, or as many as there are in the folder."""
