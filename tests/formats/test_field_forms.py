@@ -485,3 +485,45 @@ def test_matrices_beside_joints_in_arrays(tmp_path):
     poses = read_poses(tmp_path / "robot.npz", tmp_path / "camera.csv")
     assert_right(poses)
     assert "poses from 'ee'" in notes(poses)
+
+
+# ------------------------------------------------------------------------------------- decimal commas behind names
+
+
+FORMS_WITH_COMMAS = {
+    "lines": lambda names, row: "\n".join(f"{name} = {value}" for name, value in zip(names, row, strict=True)),
+    "one line": lambda names, row: " ".join(f"{name}={value}" for name, value in zip(names, row, strict=True)),
+    "with commas": lambda names, row: ", ".join(f"{name} {value}" for name, value in zip(names, row, strict=True)),
+    "in braces": lambda names, row: (
+        "{" + ", ".join(f"{name} {value}" for name, value in zip(names, row, strict=True)) + "}"
+    ),
+    "lists": lambda names, row: f"Position: {'; '.join(row[:3])}\nEuler: {' '.join(row[3:])}",
+}
+
+
+@pytest.mark.parametrize("form", FORMS_WITH_COMMAS)
+def test_decimal_commas_behind_names_are_not_cut_off(tmp_path, form):
+    """X = 526,963 is no 526."""
+    rows = [[f"{value:.6f}".replace(".", ",") for value in row] for row in numbers(POSES.robot, "ZYX", 1e3).tolist()]
+    text = "\n\n".join(FORMS_WITH_COMMAS[form]("XYZABC", row) for row in rows)
+    (tmp_path / "robot.txt").write_text(text)
+    write_pose_file(tmp_path / "camera.csv", POSES.camera)
+    assert_right(read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv"), atol=1e-6)
+
+
+def test_poses_as_the_april_tag_library_has_them(tmp_path):
+    """pose_R and pose_t, a column, of each detection."""
+    found = [{"tag_id": 3, "pose_R": C[:3, :3].tolist(), "pose_t": C[:3, 3:].tolist()} for C in POSES.camera]
+    (tmp_path / "tags.json").write_text(json.dumps(found))
+    write_pose_file(tmp_path / "robot.csv", POSES.robot)
+    assert_right(read_poses(tmp_path / "robot.csv", tmp_path / "tags.json"))
+
+
+def test_the_folder_without_its_file_is_named(tmp_path):
+    for k in range(4):
+        (tmp_path / f"poses/pose_{k}").mkdir(parents=True)
+        if k != 2:
+            np.savetxt(tmp_path / f"poses/pose_{k}/pose.txt", POSES.robot[k])
+    write_pose_file(tmp_path / "camera.csv", POSES.camera[:4])
+    with pytest.raises(InputError, match=r"3 of 4 folders hold pose.txt; pose_2 does not"):
+        read_poses(tmp_path / "poses", tmp_path / "camera.csv")

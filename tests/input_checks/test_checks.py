@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from support import difference, moved
 
 import uq_handeye as uq
+from uq_handeye.calibration.report.first_screen import next_step
 from uq_handeye.fit.input_checks.columns import check_poses
 from uq_handeye.fit.input_checks.residuals import check_fit
 from uq_handeye.model.poses.residuals import residuals, rotation_angles, summarise
+from uq_handeye.read import pose_text
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
@@ -105,6 +107,22 @@ def test_a_row_in_another_unit_leaves_the_lengths():
     camera[7, :3, 3] *= 1000
     codes = {one.code for one in quietly(changed(poses, camera=camera)).findings}
     assert "input_checks.far" in codes and "input_checks.setup_by_lengths" not in codes
+
+
+def test_both_files_in_millimetres_are_refused_unless_metres_are_stated(tmp_path):
+    """Robot and camera agree as well as in metres, so that only the lengths tell."""
+    poses = uq.simulate(12, noise=NOISE, seed=3)
+    files = tmp_path / "robot.csv", tmp_path / "camera.csv"
+    for file, T in zip(files, (poses.robot, poses.camera), strict=True):
+        T = T.copy()
+        T[:, :3, 3] *= 1000
+        file.write_text(pose_text(T))
+    found = quietly(uq.read_poses(*files))
+    assert not found.usable and found.headline == "NOT USABLE: robot and camera translations look like mm."
+    assert "--units mm;" in next_step(found)
+    for units, severity in (("mm", None), ("m", None), (("m", None), "caution")):
+        of = [one for one in quietly(uq.read_poses(*files, units=units)).findings if one.code == "input_checks.far"]
+        assert {one.severity for one in of} == ({severity} - {None})
 
 
 @pytest.mark.slow
@@ -478,8 +496,8 @@ def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
     robot[:, :3, 3] *= factor / np.abs(robot[:, :3, 3]).max()  # reaching one metre
     camera[:, :3, 3] *= 0.6 * factor / np.abs(camera[:, :3, 3]).max()
     texts = [str(found) for found in check_poses(uq.PosePairs(robot, camera))]
-    assert any(f"--units robot={unit}" in text for text in texts)
-    assert any(f"--units camera={unit}" in text for text in texts)
+    for side in ("robot=", "camera=") if unit != "mm" else ("",):  # both in millimetres agree with each other
+        assert any(f"--units {side}{unit}" in text for text in texts)
 
 
 def test_noise_in_a_wrong_unit_is_named(good):

@@ -12,6 +12,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.calibration.statement.checks import failures_in_words
 from uq_handeye.formats.contents import Reading, Side
+from uq_handeye.read import pose_text
 from uq_handeye.read.readings import chosen_readings, reading_of_robot
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -151,6 +152,18 @@ def test_a_reading_that_fits_in_rotation_alone_is_not_taken():
     right = [replace(far[0], rotation=numbers_of(poses, readings[0])), far[1]]
     chosen = chosen_readings(right, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
     assert chosen.sides[0].readings == readings[:1]
+
+
+def test_a_unit_that_no_reading_has_does_not_speak_for_another_order_of_angles(tmp_path):
+    """Centimetres where only metres and millimetres are tried: the angles that fit are taken, the unit is named."""
+    poses = uq.simulate(12, noise=NOISE, seed=3)
+    angles = Rotation.from_matrix(poses.robot[:, :3, :3]).as_euler("xyz", degrees=True)
+    np.savetxt(tmp_path / "robot.txt", np.column_stack([100.0 * poses.robot[:, :3, 3], angles]))
+    (tmp_path / "camera.csv").write_text(pose_text(poses.camera))
+    read = uq.read_poses(tmp_path / "robot.txt", tmp_path / "camera.csv")
+    np.testing.assert_allclose(read.robot[:, :3, :3], poses.robot[:, :3, :3], atol=1e-6)
+    with pytest.warns(uq.InputWarning, match="multiplied by 0.1"):
+        assert not uq.calibrate(read).usable
 
 
 def test_rows_that_do_not_belong_together_are_not_blamed_on_the_reading():

@@ -45,7 +45,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?:mm|cm|m|in|deg|
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+\.\d+")
 COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
 _NAMED = re.compile(
-    rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
+    rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)([+-]?\d+,\d+(?![\d.]|,\s*[\d.+-])|{NUMBER}|[+-]?nan\b)"""
+    r"""\s*(mm\b|deg\b|rad\b|m\b|°)?""",
     re.IGNORECASE,
 )
 _ANY_NUMBER = re.compile(NUMBER)
@@ -259,10 +260,19 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
 def _named_row(number: int, content: str, is_header: Callable[[Sequence[str]], bool]) -> Row | None:
     """Return a line in which each number stands behind its name."""
     measured = _MEASURED.search(content)
-    pairs = _NAMED.findall(content if measured is None else measured[0])
+    pairs = _named_numbers(content if measured is None else measured[0])
     if len(pairs) < MIN_NUMBERS or not is_header(names := [pair[0] for pair in pairs]):
         return None
     return Row(number, [pair[1] for pair in pairs], tuple(names), tuple(pair[2].lower() for pair in pairs))
+
+
+def _named_numbers(content: str) -> list[tuple[str, str, str]]:
+    """Return name, number and unit of each number behind its name; commas are decimal where there is no point."""
+    found = _NAMED.findall(content)
+    decimal = not any("." in value for _, value, _ in found)
+    return [
+        (name, value.replace(",", ".") if decimal else value.partition(",")[0], unit) for name, value, unit in found
+    ]
 
 
 def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iterator[Row]:
@@ -270,7 +280,7 @@ def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iter
     pairs: dict[str, tuple[str, str]] = {}
     begin = 1
     for number, line in enumerate(text.split("\n"), start=1):
-        for name, value, unit in _NAMED.findall(line[:MAX_LINE_CHARACTERS]):
+        for name, value, unit in _named_numbers(line[:MAX_LINE_CHARACTERS]):
             if name in pairs:
                 if is_header(_row(begin, pairs).names):
                     yield _row(begin, pairs)

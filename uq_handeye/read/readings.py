@@ -228,7 +228,8 @@ class _Pair:
         """The readings that fit far better than all others, if any do.
 
         Two files in the same wrong order agree in rotation, so translations decide as well. The unit of a file changes
-        nothing but the scale, which is then near 1 for one of the readings alone.
+        nothing but the scale, which is then near 1 for one of the readings alone. The scale does not speak against a
+        reading that fits far better: of a file in a unit that none of them has, it is off for the right one.
         """
         if len(self.rows[0]) < MIN_POSES_TO_DECIDE:
             return None
@@ -244,7 +245,10 @@ class _Pair:
                     other_fit.distance / travel[other] > DECISIVE_RATIO * distance
                     and fit.angle < DECISIVE_RATIO * max(other_fit.angle, CHAIN_ROUNDING)
                 )
-                or abs(np.log(other_fit.scale)) > UNIT_LOG_RATIO + abs(np.log(fit.scale))
+                or (
+                    abs(np.log(other_fit.scale)) > UNIT_LOG_RATIO + abs(np.log(fit.scale))
+                    and distance < DECISIVE_RATIO * max(other_fit.distance / travel[other], CHAIN_ROUNDING)
+                )
                 or self._same(pair, other)
                 for other_fit, other in fits
             ):

@@ -11,6 +11,7 @@ import threading
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
+from importlib import import_module
 from multiprocessing.context import SpawnProcess
 
 import numpy as np
@@ -360,6 +361,8 @@ def test_a_program_needs_no_guard(tmp_path):
 
 
 def test_workers_that_cannot_start(problem, at_once, monkeypatch):
+    import_module("multiprocessing.resource_tracker")  # what this process imports later would not be found, either
+    import_module("threadpoolctl")
     monkeypatch.setattr(sys, "path", ["nowhere"])
     result = monte_carlo(problem[0], noise=problem[1], trials=10**6, workers=2)
     assert not result.complete and "a worker process was lost (exit status 1)" in result.reason

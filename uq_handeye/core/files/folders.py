@@ -103,6 +103,12 @@ def _one_in_each(path: Path) -> list[Path]:
             f"Expected the poses of one side in the folders of {shown(path)}, got {', '.join(ordered)} in each. Name "
             f"those of robot and camera by a pattern each, in quotes, the robot's first: {given}."
         )
+    if len(names) == 1 and 2 * len(found) > len(folders) > len(found):
+        bare = next(folder for folder in sorted(folders) if folder not in {child.parent for child in found})
+        raise InputError(
+            f"{shown(path)}: {len(found)} of {len(folders)} folders hold {found[0].name}; {bare.name} does not. Remove "
+            f"the folders without it, or name the files by a pattern in quotes: '{shown(path / '*' / found[0].name)}'."
+        )
     return found if len(found) == len(folders) and len(names) == 1 else []
 
 

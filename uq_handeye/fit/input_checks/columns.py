@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...findings import Finding
+from ...findings import Finding, Severity
 from ...model.poses.pose_pairs import PosePairs
 from .misread_scale import SMALL_RIG_M
 from .repeated_rows import repeated_rows_finding, rows_again
@@ -23,9 +23,12 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     """Check units, constant and equal columns and repeated rows of the pose lists, and the same list given twice."""
     found: list[Finding] = []
 
-    def note(what: str, **values: Value) -> None:
-        found.append(Finding(f"input_checks.{what}", "caution", values))
+    def note(what: str, severity: Severity = "caution", **values: Value) -> None:
+        found.append(Finding(f"input_checks.{what}", severity, values))
 
+    # Both files in millimetres agree as well as in metres: nothing but lengths tells that X is a thousand times off.
+    lengths = [float(np.median(np.abs(T[:, :3, 3]).max(axis=-1))) for T in (poses.robot, poses.camera)]
+    both = min(lengths) > MAX_REACH_M and max(lengths) > MILLIMETRES_FROM
     stated = {side for one in poses.findings if one.code == "poses.units" for side in one.values["sides"]}
     if again := rows_again(poses):
         found.append(repeated_rows_finding(again, poses.n))
@@ -36,9 +39,12 @@ def check_poses(poses: PosePairs) -> list[Finding]:
         if far > MAX_REACH_M and name not in stated:
             from_corners = name == "camera" and poses.camera_calibration is not None
             rows = np.flatnonzero(np.abs(t).max(axis=1) > MAX_REACH_M)
-            few = {"rows": rows[:5].tolist()} if 2 * len(rows) <= len(t) else {}
-            unit = "mm" if far > MILLIMETRES_FROM else "cm"
-            note("far", file=name, reach=far, unit=unit, from_corners=from_corners, **few)
+            few: dict[str, Value] = {"rows": rows[:5].tolist()} if 2 * len(rows) <= len(t) else {}
+            unit = "mm" if far > MILLIMETRES_FROM or both else "cm"
+            of_both = both and not stated and not from_corners
+            few |= {"both": True} if of_both else {}
+            severity: Severity = "failure" if of_both else "caution"
+            note("far", severity, file=name, reach=far, unit=unit, from_corners=from_corners, **few)
         span = np.ptp(t, axis=0)
         if len(t) > 2 and float(np.ptp(T, axis=0).max()) <= 1e-9 * max(far, 1e-3):
             found.append(Finding("input_checks.still", "failure", {"file": name, "n": len(t)}))

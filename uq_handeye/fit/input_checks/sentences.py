@@ -28,13 +28,15 @@ _LOOK = "look at the residuals by pose in the report: --report report.html"
 def _far_remedy(v: Mapping[str, Any]) -> str:
     if rows := v.get("rows"):
         return f"correct these rows, or leave them out: --exclude {','.join(map(str, rows))}"
+    if v.get("both"):
+        return f"run again with --units {v['unit']}; with --units m if the poses are in metres"
     return f"run again with --units {v.get('name') or v['file']}={v['unit']}"
 
 
 def _far_in_short(v: Mapping[str, Any]) -> str:
     if rows := v.get("rows"):
         return f"{v['file']} row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} in {v['unit']}?"
-    return f"{v['file']} translations look like {v['unit']}"
+    return f"{'robot and camera' if v.get('both') else v['file']} translations look like {v['unit']}"
 
 
 @sentence(
@@ -45,13 +47,23 @@ def _far_in_short(v: Mapping[str, Any]) -> str:
     remedy=_far_remedy,
     rows=("rows",),
 )
-def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int] = (), name: str | None = None) -> str:
+def _(
+    file: str,
+    reach: float,
+    unit: str,
+    from_corners: bool,
+    rows: Sequence[int] = (),
+    name: str | None = None,
+    both: bool = False,
+) -> str:
     if rows:
         which = f"Row{'' if len(rows) == 1 else 's'} {', '.join(map(str, rows))} of the {file} poses"
         return f"{which} reach {reach:.4g} m, unlike the others: in {unit}? Correct or exclude (--exclude)."
     looks = "millimetres" if unit == "mm" else "centimetres, or inches (in)"
     small = "" if unit == "mm" else "; or mm, if the rig is smaller than a hand"
     give = f"Give {option_of(file, 'units', unit, 'm', name)}{small}"
+    if both:
+        give = f"Both files do: give units={unit!r} (--units {unit}), or say that they are in metres (--units m)"
     if from_corners:  # it is the board that gives their size
         give = f"Calibrate the camera again with the board in its unit (--units {unit}, or --square with one)"
     return f"The {file} translations reach {reach:.4g} m: they look like {looks}. {give}."

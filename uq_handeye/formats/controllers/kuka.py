@@ -13,6 +13,8 @@ from .program_text import VALUE, ProgramPoses
 
 _STRUCTURE = re.compile(r"\{([^{}]*)\}")
 _KUKA_PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
+# A comma that parts two fields has a name behind it.
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _NAME = re.compile(r"([$\w]+)(?:\s*\[[\d,\s]*\])?\s*=\s*(?:E6POS|POS|FRAME)?\s*:?\s*$", re.IGNORECASE)
 _FRAMES = re.compile(r"\bFDAT\s+F(\w+)\s*=\s*\{TOOL_NO\s+(\d+)\s*,\s*BASE_NO\s+(\d+)", re.IGNORECASE)
 _NO_POSES = re.compile(r"^\$(?!POS_|AXIS_|TCP)|TOOL|BASE(?!_T_)|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
@@ -34,7 +36,8 @@ def add_kuka_poses(found: ProgramPoses) -> None:
     parts = others = 0
     for match in _STRUCTURE.finditer(found.text):
         before = found.before(match)
-        values = {key.upper(): value for key, value in _KUKA_PAIR.findall(match[1])}
+        content = _DECIMAL_COMMA.sub(".", match[1])
+        values = {key.upper(): value for key, value in _KUKA_PAIR.findall(content)}
         if before.lstrip().startswith(";"):
             continue
         if {"A1", "A2"} <= values.keys():

@@ -26,6 +26,10 @@ _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
 _LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
 _PART = re.compile(rf"""{_LABEL}\s*[:=]\s*[\[("]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])"]?""")
 _ANY = re.compile(NUMBER)
+_COMMA = r"[+-]?\d+,\d+"  # decimal commas, with blanks or semicolons between the numbers
+_COMMA_PART = re.compile(
+    rf"""{_LABEL}\s*[:=]\s*[\[("]?\s*({_COMMA}(?:(?:\s*;\s*|\s+){_COMMA}){{2,8}})\s*(?:[\])"]|$)"""
+)
 _LABELLED_POSITIONS = {"position", "pos", "translation", "trans", "tvec", "xyz", "p", "t"}
 # Words of a rotation, and the name under which `records` takes its numbers.
 _ROTATIONS = {
@@ -74,7 +78,8 @@ def _of_lines(text: str) -> Iterator[Entry]:
     for line in text.split("\n"):
         if len(line) > MAX_LINE_CHARACTERS:
             continue
-        for label, numbers in _PART.findall(line):
+        parts = [(label, numbers.replace(",", ".")) for label, numbers in _COMMA_PART.findall(line)]
+        for label, numbers in parts or _PART.findall(line):
             found = _part(label, list(map(float, _ANY.findall(numbers))))
             if found is None:
                 continue

@@ -19,8 +19,8 @@ from ..matrices.matrix_trees import numbers_of
 from ..number_table import NumberTable
 from .tables import pose_side
 
-_POSITIONS = ("translation", "position", "pos", "xyz", "t", "tvec", "trans", "p", "translation_vector")
-_MATRICES = ("R", "rotation", "rotation_matrix", "rot", "rmat")
+_POSITIONS = ("translation", "position", "pos", "xyz", "t", "tvec", "trans", "p", "translation_vector", "pose_t")
+_MATRICES = ("R", "rotation", "rotation_matrix", "rot", "rmat", "pose_R")
 # Names of lists of three angles, and the columns that they are.
 _LISTS = {
     **dict.fromkeys(("rvec", "rotvec", "rotation_vector", "axis_angle"), ("rotvec_x", "rotvec_y", "rotvec_z")),
