@@ -61,8 +61,8 @@ def test_names_of_points_and_pictures(tmp_path):
 
 
 def test_every_table_with_texts_is_written_in_one_place():
-    """Other writers hold numbers and names of our own."""
-    writes = re.compile(r"csv\.writer|\.to_csv\((?!\))|DictWriter")
+    """Other writers hold numbers and names of our own; `Plan.to_csv` takes the name of an arm."""
+    writes = re.compile(r"csv\.writer|\.to_csv\((?!\)|arm=)|DictWriter")
     found = {
         str(path.relative_to(ROOT / "uq_handeye"))
         for path in (ROOT / "uq_handeye").rglob("*.py")

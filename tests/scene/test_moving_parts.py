@@ -18,7 +18,7 @@ from uq_handeye.scene.tracks import Tracks
 def matched(keypoints, raw, n):
     """Return what was found in pictures whose features and matches are given."""
     names = tuple(f"img{k:02d}.png" for k in range(n))
-    seen = Matched(Path(), Path(), names, SIZE, np.array([len(at) for at in keypoints]), np.arange(n), False)
+    seen = Matched(Path(), Path(), names, SIZE, np.array([len(at) for at in keypoints]), np.arange(n), False, (1,))
     seen.__dict__.update(keypoints=keypoints, raw=raw, verified={})
     return seen
 

@@ -45,6 +45,11 @@ def two_cameras(seed, n, m, per_picture):
     return sim.robot, truth, start
 
 
+def test_one_camera_is_no_rig():
+    with pytest.raises(uq.InputError, match="two cameras or more"):
+        uq.scene_rig({"left": "left/*.png"}, np.eye(4)[None])
+
+
 def test_each_camera_has_a_lens_of_its_own():
     _, truth, _ = two_cameras(0, 5, 150, 40)
     of = np.repeat([0, 1], 5)[truth.tracks.picture]
