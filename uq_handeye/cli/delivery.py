@@ -142,11 +142,11 @@ def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     return signed_text(result.to_dict() | ({} if verdict is None else {"verdict": verdict.to_dict()}))
 
 
-def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
-    """Return the exit status of a calibration."""
+def status_of(result: "Calibration | RigCalibration", *verdicts: "Verdict | None") -> int:
+    """Return the exit status of a calibration, of a rig with a verdict on each camera."""
     if result.answered == "no":
         return ExitStatus.NOT_USABLE
-    if verdict is not None and not verdict.passed:
+    if any(verdict is not None and not verdict.passed for verdict in verdicts):
         return ExitStatus.NOT_PASSED
     return ExitStatus.DONE if result.usable else ExitStatus.IN_PART
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.runtime.progress import working
 from ..errors import InputError, NotConvergedError
-from .delivery import deliver, deliver_answer, emit_refusal
-from .exit_status import ExitStatus
+from .delivery import deliver, deliver_answer, emit_refusal, status_of
 from .messages import LOG, given_options, progress_wanted, quiet, timed, verbose, withheld
 from .names import AT_THE_BOUND, PAIRINGS, ROBOT_CLASSES, SETUP_NAMES
 from .noise import noise_of_rig, without_poses
@@ -243,7 +242,7 @@ def deliver_rig(
         from ..calibration.report.rig_sections import headline
 
         more_of: JsonObject = {"headline": headline(result)[0], "usable": result.usable}
-        more_of |= {"reasons": list(result.reasons)}
+        more_of |= {"answered": result.answered, "reasons": list(result.reasons)}
         more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(signed_text(result.to_dict() | more_of))
     elif quiet():
@@ -252,11 +251,7 @@ def deliver_rig(
     else:
         emit_document(document)
         emit(written)
-    if result.reasons:
-        return ExitStatus.NOT_USABLE
-    if any(not verdict.passed for verdict in verdicts.values()):
-        return ExitStatus.NOT_PASSED
-    return ExitStatus.DONE if result.usable else ExitStatus.IN_PART
+    return status_of(result, *verdicts.values())
 
 
 # Options of new views of a rig.

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy.linalg import svd
@@ -238,7 +238,14 @@ class RigPoses(Record):
     @property
     def usable(self) -> bool:
         """True if the poses can be used, and are determined in all directions."""
-        return not self.reasons and not len(self.open)
+        return self.answered == "whole"
+
+    @property
+    def answered(self) -> Literal["whole", "in part", "no"]:
+        """``whole``: all directions are determined. ``in part``: `open` are not. ``no``: see `reasons`."""
+        if self.reasons:
+            return "no"
+        return "in part" if len(self.open) else "whole"
 
     @property
     def rejected(self) -> tuple[tuple[str, str, Hashable], ...]:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.evidence.touches import Touches
-from ...calibration.result import Calibration
+from ...calibration.of_camera import of_camera
+from ...calibration.result import Calibration, load
 from ...errors import InputError, InputWarning
 from ...model.camera.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
@@ -205,8 +206,12 @@ class Page(BrowserPage):
         kept = [k for k in range(poses.n) if k not in self.session.choice.left_out]
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
-            found = check(Calibration.from_json(path), poses.rows(np.array(kept, dtype=np.intp)))
-        self._said.content = panel("preformatted", found.summary())
+            stored, new = load(path), poses.rows(np.array(kept, dtype=np.intp))
+            of = {"": stored} if isinstance(stored, Calibration) else {
+                f"{name}:\n": of_camera(stored, name) for name in stored.rig.cameras
+            }  # fmt: skip
+            text = "\n".join(f"{name}{check(one, new).summary()}" for name, one in of.items())
+        self._said.content = panel("preformatted", text)
 
     def _finish(self, client: viser.ClientHandle | None) -> None:
         """Write result and report, and download the report in the browser that asks for it."""
