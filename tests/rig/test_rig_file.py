@@ -457,8 +457,8 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
         (("check", stored, path / "new.toml", "--camera", f"left={path / 'left.csv'}"), "names all files"),
         (("check", stored, path / "new.toml", "--same", "lef"), "Expected `same` (--same) to be names out of"),
         (("update", stored, path / "new.toml", "--same", "left"), "--same: not for the result of a rig"),
-        (("predict", stored, "--point", "0mm,0mm,1mm"), "Choose one: --of left"),
-        (("plan", stored, "--repeat"), "--repeat: not for the result of a rig"),
+        (("predict", stored, "--point", "0mm,0mm,1mm"), "No robot poses to predict at"),
+        (("plan", stored, "--criterion", "logdet"), "not an argument for the result of a rig"),
     ):
         assert run(*wrong) == 2
         assert said in capsys.readouterr().err
