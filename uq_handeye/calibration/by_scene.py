@@ -37,7 +37,7 @@ from ..model.poses.scene_facts import SceneFacts
 from ..model.rig.description import require_left_out
 from ..scene import colmap
 from ..scene.adjust import Pull
-from ..scene.colmap import Matched, Model
+from ..scene.colmap import Matched, Model, size_of
 from ..scene.estimate import (
     MANY_STATIONARY,
     MIN_PICTURES_OF_SCENE,
@@ -417,11 +417,3 @@ def _facts(placed: Placed, given: int, focal_sd: float) -> SceneFacts:
         float(scene.lens.values[0]),
         focal_sd,
     )
-
-
-def size_of(path: Path) -> tuple[int, int]:
-    """Return width and height of a picture."""
-    bitmap = colmap.pycolmap().Bitmap.read(str(path), False)
-    if bitmap is None:
-        raise InputError(f"{shown(path)} cannot be read as a picture.")
-    return int(bitmap.width), int(bitmap.height)

@@ -38,7 +38,7 @@ from ..scene.estimate import (
     no_scene,
 )
 from ..scene.lens import NAMES, Lens, Lenses
-from .by_scene import robot_poses, silent, size_of
+from .by_scene import robot_poses, silent
 
 # Names of arm and target of the rig.
 ARM, SCENE = "arm", "scene"
@@ -124,7 +124,7 @@ def scene_rig(
     warn(findings)
     rig = rig_of(main, poses, list(n), camera, setup, shown(Path(robot)) if isinstance(robot, str | Path) else "")
     values = {name: dict(zip(NAMES, one.values.tolist(), strict=False)) for name, one in zip(n, lens.each, strict=True)}
-    sizes = {name: size_of(of[0]) for name, of in groups.items()}
+    sizes = {name: colmap.size_of(of[0]) for name, of in groups.items()}
     return SceneRig(rig, values, sd, sizes, tuple(findings))
 
 
@@ -136,7 +136,7 @@ def _placed(
     counts = [len(of) for of in groups.values()]
     seen = colmap.match(paths, folder, None, None, say, counts=counts)
     camera = np.repeat(np.arange(len(counts)), counts)
-    start = Lenses.of_cameras([Lens.of(size_of(of[0])) for of in groups.values()], camera)
+    start = Lenses.of_cameras([Lens.of(colmap.size_of(of[0])) for of in groups.values()], camera)
     models = colmap.models(seen, start, say)
     say("adjusting the scene")
     for model in models:

@@ -33,6 +33,8 @@ MOST_FEATURES, MOST_WEAK, PICTURES_OF_MOST = 3000, 8192, 25
 FEW_FEATURES = 500
 # Pictures up to this number are matched each with each; more only with their neighbours.
 MAX_EXHAUSTIVE = 80
+# Pictures of up to so many pixels are looked at twice as fine: they have few features, and time is no matter.
+SMALL_PICTURE = 500_000
 # Matches that move by less, in pixels, belong to what stands still in the picture.
 STATIONARY_PX = 4.0
 # The region that stands still in the pictures: width of its cells, and share of the pictures in which its features do.
@@ -161,6 +163,14 @@ def _opened(module: ModuleType, path: Path) -> Iterator[Any]:
         database.close()
 
 
+def size_of(path: Path) -> tuple[int, int]:
+    """Return width and height of a picture."""
+    bitmap = pycolmap().Bitmap.read(str(path), False)
+    if bitmap is None:
+        raise InputError(f"Cannot use {shown(path)} as a picture of the scene: it cannot be read.")
+    return int(bitmap.width), int(bitmap.height)
+
+
 def match(
     paths: Sequence[Path],
     folder: Path,
@@ -232,7 +242,8 @@ def features(
     options.num_threads, options.use_gpu = 1, False
     most = int((MOST_WEAK if weak else MOST_FEATURES) * min(1.0, np.sqrt(PICTURES_OF_MOST / len(names))))
     options.sift.max_num_features = most
-    options.sift.first_octave = -1 if weak else 0
+    width, height = image_size or size_of(paths[0])
+    options.sift.first_octave = -1 if weak or width * height <= SMALL_PICTURE else 0
     if weak:
         options.sift.peak_threshold = 0.0015  # the least contrast
     reading = module.ImageReaderOptions()
