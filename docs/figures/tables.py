@@ -191,16 +191,64 @@ def tracks() -> str:
         row = [TRACKS[name].words, str(len(lines))]
         opened = sum("calibration.open" in line["defaults"]["cautions"] for line in lines)
         if opened:
-            rows.append([*row, "", "", "", f"NOT USABLE, a direction is open: {opened} of {len(lines)}", "", ""])
+            rows.append([*row, "", "", "", f"NOT USABLE, a direction is open: {opened} of {len(lines)}", "", "", ""])
             continue
         for way in ("exact", "defaults"):
             found = [line[way] for line in lines if way in line]
             d2 = sum(one["d2"] for one in found) / len(found)
             numbers = f"{rms(found, 'mm'):.2f} / {rms(found, 'stated_mm'):.2f} mm"
             row += [numbers, f"{d2:.1f}", share_inside(found)]
-        rows.append(row)
+        rows.append([*row, f"{sum(line['consistency'] for line in lines) / len(lines):.2f}"])
     head = ["tracks", "draws", "noise declared: RMS / stated", "d^2", "inside 95 %"]
-    return table([*head, "estimated: RMS / stated", "d^2", "inside 95 %"], rows)
+    return table([*head, "estimated: RMS / stated", "d^2", "inside 95 %", "poses and lens"], rows)
+
+
+def drawn_scenes() -> str:
+    """Return X from rendered scenes that are drawn at random."""
+    stored = json.loads((DOCS.parent / "studies" / "scene" / "varied.json").read_text("utf-8"))
+    rows = []
+    for one in stored:
+        more = [
+            words
+            for words, is_so in (
+                (f"{100 * one['smeared']:.0f} % blurred", one["smeared"] > 0),
+                ("gripper", one["gripper"]),
+                ("an object moved", one["moved"] > 0),
+                ("a wrong robot pose", one["wrong"] > 0),
+            )
+            if is_so
+        ]
+        scene = f"{one['room']}, {one['texture']}, {one['scale']:.1f} m" + "".join(f"; {words}" for words in more)
+        pictures = f"{one['n']} of {one['size'][0]} x {one['size'][1]}"
+        row = [scene, pictures, f"{one['robot_deg']:.3f} deg, {one['robot_mm']:.2f} mm"]
+        if "refused" in one:
+            rows.append([*row, "refused", "", ""])
+            continue
+        row += [f"{one['mm']:.2f} mm, {one['deg']:.3f} deg", f"{one['stated_mm']:.2f} mm"]
+        rows.append([*row, f"{one['d2']:.1f}" if one["usable"] else "NOT USABLE"])
+    return table(["scene", "pictures", "robot noise", "X off by", "stated", "d^2"], rows)
+
+
+def scene_files() -> str:
+    """Return X by the camera poses of COLMAP as files of an unknown scale."""
+    rows = []
+    for one in of_scenes()["files"]["table"]:
+        how = "scene_T_camera (inverse)" if one["inverted"] else "camera_T_scene"
+        if "refused" in one or not one["scale"]:
+            rows.append([how, "refused", "", "", ""])
+            continue
+        factor, sd = one["scale"]
+        said = "usable" if one["usable"] else "NOT USABLE"
+        rows.append(
+            [
+                how,
+                f"{one['mm']:.2f} mm, {one['deg']:.3f} deg",
+                f"{one['stated_mm']:.2f} mm",
+                f"{1e3 * factor:.2f} +- {1e3 * sd:.2f} mm",
+                said,
+            ]
+        )
+    return table(["camera poses", "X off by", "stated", "1 unit", "said"], rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -215,6 +263,8 @@ TABLES: dict[str, Callable[[], str]] = {
         simulators,
         scenes,
         tracks,
+        drawn_scenes,
+        scene_files,
         exit_statuses,
     )
 }

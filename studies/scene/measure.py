@@ -1,12 +1,14 @@
 """Measure X without a board: on simulated tracks by the adjustment alone, and on rendered pictures by `scene_poses`.
 
-    python -m studies.scene.measure [--full] [ROW ...]
+    python -m studies.scene.measure [--full] [--keep FOLDER] [--again] [ROW ...]
 
 writes ``measured.json`` beside this file after each draw, and leaves out what is there already: a run that was stopped
 goes on. Tracks are adjusted from near the truth, with f 1 % and the centre 3 px wrong; ``exact`` is X by the camera
 poses with their joint covariance and declared robot noise, ``joint`` the same after the joint step with the robot,
 ``defaults`` X by `calibrate` as the command calls it. Pictures (1280 x 960) are rendered into a temporary folder. One
-draw of each row, 3 of the tracks; 30 and, of pictures, 8 draws of the robot's noise with ``--full``.
+draw of each row, 3 of the tracks; 30 and, of pictures, 8 draws of the robot's noise with ``--full``. ``--keep`` renders
+into a folder and takes the pictures that are there; ``--again`` measures rows again that are there. ``files/table``
+is X by the camera poses of COLMAP alone, as files of an unknown scale, as they are and inverse.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ import argparse
 import json
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -33,6 +36,7 @@ from studies.scene.sessions import (
     Kind,
     Session,
     rendered,
+    robot_csv,
     session,
     simulated_tracks,
     with_noise,
@@ -182,11 +186,51 @@ def scored(result: uq.Calibration, X: Array) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------- pictures
 
 
-def of_pictures(name: str, full: bool) -> list[dict[str, Any]]:
+@contextmanager
+def pictures_of(made: Session, name: str, keep: Path | None) -> Iterator[list[Path]]:
+    """Render the pictures of a row, unless they are in the folder ``keep``."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) if keep is None else keep / name
+        found = sorted((folder / "img").glob("*.png"))
+        yield found if len(found) == made.kind.n else rendered(made, folder)
+
+
+def of_files(name: str, keep: Path | None) -> list[dict[str, Any]]:
+    """Return the errors of X by camera poses of COLMAP, taken as poses of an unknown scale."""
+    made, lines = session(name), []
+    with pictures_of(made, name, keep) as paths, TemporaryDirectory() as folder:
+        poses = uq.scene_poses(paths).poses
+        robot = Path(folder) / "robot.csv"
+        robot.write_text(robot_csv(made.robot), encoding="utf-8")
+        for inverted in (False, True):
+            camera = Path(folder) / "camera.csv"
+            camera.write_text(robot_csv(inverse(poses) if inverted else poses), encoding="utf-8")
+            line: dict[str, Any] = {"inverted": inverted}
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", uq.InputWarning)
+                try:
+                    result = uq.calibrate(uq.read_poses(robot, camera), camera_scale="unknown")
+                except (uq.InputError, uq.DegenerateMotionError) as error:
+                    lines.append(line | {"refused": str(error)})
+                    continue
+            scale = result.camera_scale
+            line |= scored(result, made.X) | {
+                "failures": [str(one) for one in result.findings if one.severity == "failure"]
+            }
+            lines.append(line | {"scale": None if scale is None else [scale.factor, scale.std]})
+    return lines
+
+
+def memory_mb() -> float:
+    """Return the largest memory of this process so far."""
+    # the largest of this program: what `resource` tells counts the process that started it
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024
+
+
+def of_pictures(name: str, full: bool, keep: Path | None) -> list[dict[str, Any]]:
     """Return the errors of X from the rendered pictures of a row, or the words that refuse them."""
     made = session(name)
-    with TemporaryDirectory() as folder:
-        paths = rendered(made, Path(folder))
+    with pictures_of(made, name, keep) as paths:
         started = time.process_time()
         lines: list[dict[str, Any]] = []
         try:
@@ -210,6 +254,7 @@ def of_pictures(name: str, full: bool) -> list[dict[str, Any]]:
                 warnings.simplefilter("ignore", uq.InputWarning)
                 result = uq.calibrate(pairs)
             line = {"draw": draw, "pictures": found.n, "of": made.kind.n, "points": len(found.points), "cpu": seconds}
+            line["mb"] = memory_mb()
             line |= scored(result, made.X)
             rows = [int(found.rows[k]) for k in np.flatnonzero(result.table.weight < 0.5)] if result.table else []
             lines.append(line | {"rejected": rows, "findings": [one.code for one in found.findings]})
@@ -229,14 +274,21 @@ def stored() -> dict[str, Any]:
     if FILE.exists():
         found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
         return found
-    return {"pycolmap": "", "tracks": {}, "pictures": {}}
+    return {"pycolmap": "", "tracks": {}, "pictures": {}, "files": {}}
 
 
 def keep(group: str, name: str, lines: list[dict[str, Any]]) -> None:
     """Add lines to a row and write the file."""
     found = stored()
     found["pycolmap"] = metadata.version("pycolmap")
-    found[group].setdefault(name, []).extend(lines)
+    found.setdefault(group, {}).setdefault(name, []).extend(lines)
+    FILE.write_text(json.dumps(found, indent=0, default=float) + "\n", encoding="utf-8")
+
+
+def drop(group: str, name: str) -> None:
+    """Leave out a row that was measured."""
+    found = stored()
+    found.get(group, {}).pop(name, None)
     FILE.write_text(json.dumps(found, indent=0, default=float) + "\n", encoding="utf-8")
 
 
@@ -244,12 +296,16 @@ def main() -> None:
     """Measure the rows that are named, all of them otherwise."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--full", action="store_true")
-    parser.add_argument("rows", nargs="*", metavar="ROW", help="tracks/NAME or pictures/NAME")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER")
+    parser.add_argument("--again", action="store_true")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="tracks/NAME, pictures/NAME or files/NAME")
     options = parser.parse_args()
-    every = [*(f"tracks/{name}" for name in TRACKS), *(f"pictures/{name}" for name in PICTURES)]
+    every = [*(f"tracks/{name}" for name in TRACKS), *(f"pictures/{name}" for name in PICTURES), "files/table"]
     for row in options.rows or every:
         group, _, name = row.partition("/")
-        done = stored()[group].get(name, [])
+        if options.again:
+            drop(group, name)
+        done = stored().get(group, {}).get(name, [])
         if group == "tracks":
             for seed in range(len(done), FULL_DRAWS if options.full else DRAWS):
                 with one_thread():
@@ -257,7 +313,7 @@ def main() -> None:
                 keep(group, name, [line])
                 print(row, json.dumps(line, default=float), flush=True)
         elif not done:
-            lines = of_pictures(name, options.full)
+            lines = of_files(name, options.keep) if group == "files" else of_pictures(name, options.full, options.keep)
             keep(group, name, lines)
             print(row, json.dumps(lines[0], default=float), flush=True)
 
