@@ -70,8 +70,11 @@ def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNois
     return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
 
 
-def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> Arm | None:
-    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`."""
+def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None, at: Array | None) -> Arm | None:
+    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`.
+
+    ``at``: its errors about which the poses are linearised.
+    """
     joints, kinematics, errors = request.joints, request.kinematics, request.kinematic_errors
     method = request.taken_method
     if kinematics is None:
@@ -93,4 +96,4 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
     against = compare_with_controller(kinematics, q, poses.robot)
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
-    return Arm(against.adapt(kinematics), q, errors, against, poses, by_poses=given is None)
+    return Arm(against.adapt(kinematics), q, errors, against, poses, at=at, by_poses=given is None)

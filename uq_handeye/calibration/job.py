@@ -126,94 +126,90 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
     ``about``: the measured poses and the errors of the arm about which ``data`` is linearised (`linear_about`).
     """
     require_type("data", data, (PosePairs, Motions), "PosePairs or Motions, or poses beside `camera`")
-    method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared
-    scale, kind, robust, prior = request.scale, request.kind, request.robust, request.prior
-    if shared:
-        data, rest = take_offset(data, tuple(shared))
-        shared = rest or None  # a clock offset alone leaves the defaults
-    noise, camera, robot = _open_noise(request.noise)
-    if prior is not None and (noise is not None or robot is not None):
+    timed, listed = take_offset(data, request.shared)
+    of_both, camera, robot = _open_noise(request.noise)
+    if request.prior is not None and (of_both is not None or robot is not None):
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
-    everything = None
+    motions, everything = _motions_of(request, timed, of_both)
+    poses, N = motions.poses, len(motions) if motions.poses is None else motions.poses.n
+    require_noise_fits(of_both, motions)
+    if camera is not None:
+        if poses is None or camera.n != poses.n:
+            data_given = "motions" if poses is None else f"{poses.n} poses"
+            raise InputError(f"Expected camera noise of the data given, {data_given}, got that of {camera.n} poses.")
+        require_count(robot, camera.n, "robot", "poses")
+    noise = _with_corners(of_both, motions) if camera is None else None
+    measured, at = (poses, None) if about is None else about
+    arm = _arm_of(request, measured, noise, at)
+    robot_known = noise is not None or robot is not None or arm is not None
+    errors = _errors_of(request, listed, poses, noise, camera, robot_known)
+    columns = None if arm is None or arm.errors.is_exact else arm.columns
+    own = None if of_motions(noise) else cast("PoseNoise | None", noise)
+    declared, of_arm = _with_arm(own, arm, columns)
+    shared, is_declared = (*errors, *of_arm), declared is not own
+    of_arm_open = columns is not None and not is_declared
+    sizes_open = declared is not None and (of_arm_open or any(error.factor > 1 for error in shared))
+    beside = declared if sizes_open else None  # sizes in addition to it are to be found
+    priors = request.prior_X, request.prior_W
+    pose_prior = _pose_prior(beside if sizes_open else noise, *priors, request.taken_method, motions)
+    weighed = noise if of_motions(noise) else None if sizes_open else _with_columns(declared, shared, poses)
+    job = Job(
+        request=request,
+        motions=motions,
+        everything=everything,
+        noise=None if weighed is None else with_prior(weighed, pose_prior),
+        method=request.taken_method,
+        robust=request.by_likelihood and N >= MIN_POSES_FOR_ROBUST if request.robust is None else request.robust,
+        camera_noise=camera,
+        robot_noise=robot,
+        shared=shared,
+        pose_prior=pose_prior,
+        arm=arm,
+        columns_of_arm=None if is_declared else columns,
+        given=beside,
+    )
+    _require_open_sizes(job)
+    _require_memory(job)
+    return job
+
+
+def _with_arm(
+    noise: PoseNoise | None, arm: Arm | None, columns: KinematicColumns | None
+) -> tuple[PoseNoise | None, tuple[SharedError, ...]]:
+    """Return the noise with that of the joints, and the errors of an arm whose sizes are declared beside it."""
+    if noise is None or arm is None or columns is None or arm.errors.how == ESTIMATE:
+        return noise, ()
+    return with_declared(noise, columns)
+
+
+def _with_columns(
+    noise: PoseNoise | None, shared: tuple[SharedError, ...], poses: PosePairs | None
+) -> PoseNoise | None:
+    """Return the noise with the columns of the errors that poses share."""
+    if noise is None or poses is None or not shared:
+        return noise
+    return with_shared(noise, shared_columns(shared, poses))
+
+
+def _motions_of(request: Request, data: PosePairs | Motions, noise: Noise | None) -> tuple[Motions, AllPairs | None]:
+    """Return the motions of one data set, and all pairs where 4DPA takes these without forming them."""
+    everything, pairs = None, request.pairs
     match data:
         case PosePairs():
             if data.n < 3:
                 raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
             if among(pairs, ("all",)) and data.robot.ndim == 3 and not of_motions(noise):
-                direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
-                if direct and (of_all := AllPairs(data)).precise:
+                direct = (request.by_likelihood or request.taken_method == "4dpa") and request.scale is None
+                if direct and request.kind in (None, "poses") and (of_all := AllPairs(data)).precise:
                     everything = of_all
-                if everything or method in ROBOT_WORLD_METHODS:
+                if everything or request.taken_method in ROBOT_WORLD_METHODS:
                     pairs = spread_pairs(data.n, 200_000)  # used for residuals and checks only
             motions = relative_motions(data, pairs)
         case Motions():
             motions = data
     if motions.A.ndim != 3:
         raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
-    require_noise_fits(noise, motions)
-    if camera is not None:
-        if motions.poses is None or camera.n != motions.poses.n:
-            given = "motions" if motions.poses is None else f"{motions.poses.n} poses"
-            raise InputError(f"Expected camera noise of the data given, {given}, got that of {camera.n} poses.")
-        require_count(robot, camera.n, "robot", "poses")
-    noise = _with_corners(noise, motions) if camera is None else None
-    if robust is None:
-        count = motions.N if motions.poses is None else motions.poses.n
-        robust = bound and count >= MIN_POSES_FOR_ROBUST
-    errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
-    measured, at = (motions.poses, None) if about is None else about
-    arm = _arm_of(request, measured, noise)
-    if arm is not None:
-        arm = arm._replace(at=at)
-    declared = prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
-    robot_known = declared or noise is not None or robot is not None or arm is not None
-    assumed = {ROBOT_ACCURACY} if robot_known or _stands(motions.poses) else set()
-    if not bound or motions.poses is None or motions.poses.truth is not None:
-        assumed = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
-    errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.key in assumed)))
-    if motions.poses is not None:
-        sizes = checked_sizes(request.sizes)
-        if twice := [error.name for error in errors if error.name in sizes and not error.default]:
-            raise InputError(
-                f"The size of {twice[0]!r} is declared twice: in `sizes` (--size), and as a shared error of its own or "
-                "by the class of the arm. Remove one of them."
-            )
-        errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
-        errors = tuple(error.sized(sizes[error.name]) if error.name in sizes else error for error in errors)
-    columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
-    known, beside = None if of_motions(noise) else cast("PoseNoise | None", noise), None
-    if known is not None and arm is not None and columns_of_arm is not None:
-        if arm.errors.how == ESTIMATE:
-            known, beside = None, known
-        else:
-            known, of_arm = with_declared(known, columns_of_arm)
-            errors, columns_of_arm = (*errors, *of_arm), None
-    if known is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
-        known, beside = None, known
-    if known is not None and errors and motions.poses is not None:
-        known = with_shared(known, shared_columns(errors, motions.poses))
-    noise = noise if of_motions(noise) else known
-    pose_prior = _pose_prior(noise if beside is None else beside, request.prior_X, request.prior_W, method, motions)
-    if noise is not None:
-        noise = with_prior(noise, pose_prior)
-    job = Job(
-        request=request,
-        motions=motions,
-        everything=everything,
-        noise=noise,
-        method=method,
-        robust=bool(robust),
-        camera_noise=camera,
-        robot_noise=robot,
-        shared=errors,
-        pose_prior=pose_prior,
-        arm=arm,
-        columns_of_arm=columns_of_arm,
-        given=beside,
-    )
-    _require_open_sizes(job)
-    _require_memory(job)
-    return job
+    return motions, everything
 
 
 def _require_memory(job: Job, copies: int = 16, unknowns: int = 12) -> None:
@@ -247,28 +243,58 @@ def _require_open_sizes(job: Job) -> None:
 
 
 def take_offset(
-    data: PosePairs | Motions, shared: tuple[SharedError, ...]
-) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
-    """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
+    data: PosePairs | Motions, shared: Sequence[SharedError] | None
+) -> tuple[PosePairs | Motions, Sequence[SharedError] | None]:
+    """Replace the standard deviation of the clock offset in the `timing` of synchronised poses; the rest of the errors.
+
+    None: the defaults, also where a clock offset is all that was given.
+    """
     poses = data.poses
-    offset = next((error for error in shared if error.key == CLOCK_OFFSET), None)
+    offset = next((error for error in shared or () if error.key == CLOCK_OFFSET), None)
     if offset is None or poses is None or poses.timing is None:
         return data, shared
-    poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
-    rest = tuple(error for error in shared if error is not offset)
-    return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
+    timed = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
+    rest = tuple(error for error in shared or () if error is not offset)
+    return (timed if isinstance(data, PosePairs) else replace(data, poses=timed)), rest or None
 
 
-def _shared_of(
+def _errors_of(
+    request: Request,
+    listed: Sequence[SharedError] | None,
+    poses: PosePairs | None,
+    noise: Noise | None,
+    camera: CameraNoise | None,
+    robot_known: bool,
+) -> tuple[SharedError, ...]:
+    """Return the errors that count, bound to the poses and with the sizes that were given."""
+    found = _listed(listed, poses, noise, request, camera)
+    prior = request.prior
+    declared = prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
+    without = {ROBOT_ACCURACY} if robot_known or declared or _stands(poses) else set()
+    if not request.by_likelihood or poses is None or poses.truth is not None:
+        without = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
+    errors = tuple(one for one in found if not (one.default and (one.is_exact or one.key in without)))
+    if poses is None:
+        return errors
+    sizes = checked_sizes(request.sizes)
+    if twice := [error.name for error in errors if error.name in sizes and not error.default]:
+        raise InputError(
+            f"The size of {twice[0]!r} is declared twice: in `sizes` (--size), and as a shared error of its own or "
+            "by the class of the arm. Remove one of them."
+        )
+    bound = (error.bound(poses) if error.needs_poses else error for error in errors)
+    return tuple(error.sized(sizes[error.name]) if error.name in sizes else error for error in bound)
+
+
+def _listed(
     shared: Sequence[SharedError] | None,
     poses: PosePairs | None,
     noise: Noise | None,
-    method: str,
-    kind: str | None,
+    request: Request,
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
     """Return the errors that were given and, where the noise is to be estimated, the defaults of other names."""
-    estimated = noise is None and poses is not None and kind in (None, "poses")
+    estimated = noise is None and poses is not None and request.kind in (None, "poses")
     if shared is None and not estimated:
         return ()
     if estimated and shared != ():
