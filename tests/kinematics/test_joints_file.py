@@ -425,3 +425,36 @@ def test_rows_without_names_are_in_the_order_of_the_arm(read):
     assert "no names of joints: columns in the order of the arm" in found.notes
     with pytest.raises(InputError, match="expected a header with the names of the joints, got numbers"):
         read(text, ORDERED[:5])
+
+
+def echoed(q, names, form):
+    """Messages JointState as ROS 1 or ROS 2 prints them, the joints in the order of ``names``."""
+    values = [dict(zip(("shoulder", "elbow", "slide"), row, strict=True)) for row in q.tolist()]
+    text = ""
+    for k, row in enumerate(values):
+        if form == "rostopic":
+            text += f"header: \n  seq: {k}\n  stamp: \n    secs: {10 + k}\n    nsecs: 500000000\n  frame_id: ''\n"
+            text += f"name: [{', '.join(names)}]\nposition: [{', '.join(str(row[one]) for one in names)}]\n"
+        else:
+            text += f"header:\n  stamp:\n    sec: {10 + k}\n    nanosec: 500000000\n  frame_id: ''\nname:\n"
+            text += "".join(f"- {one}\n" for one in names)
+            text += "position:\n" + "".join(f"- {row[one]}\n" for one in names)
+        text += "velocity: []\neffort: []\n---\n"
+    return text
+
+
+@pytest.mark.parametrize("form", ["rostopic", "ros2"])
+def test_messages_as_ros_prints_them(read, form):
+    found = read(echoed(Q, ("slide", "elbow", "shoulder"), form))
+    np.testing.assert_allclose(found.q, Q)
+    np.testing.assert_allclose(found.timestamps, [10.5, 11.5, 12.5])
+    cut = read(echoed(Q, ("slide", "elbow", "shoulder"), form)[:-60])
+    np.testing.assert_allclose(cut.q, Q[:2])
+    assert "the last message is cut off, and left out" in cut.notes
+
+
+def test_other_messages_are_refused(read):
+    with pytest.raises(InputError, match=r"message at line 1: expected a JointState .*, got the fields header, pose"):
+        read("header:\n  stamp:\n    sec: 1\npose:\n  x: 1.0\n---\n")
+    with pytest.raises(InputError, match="the same joints in all messages"):
+        read(echoed(Q[:1], ("slide", "elbow", "shoulder"), "ros2") + echoed(Q[:1], ("slide", "elbow"), "ros2"))

@@ -9,7 +9,7 @@ of ``rostopic echo -p``, with the names of a ``JointState`` in columns ``name0``
 Arrays: ``.npy`` (n, L) in the order of the arm, or ``.npz`` with the array ``q``, ``joints``, ``joint_positions`` or
 ``position`` (n, L), ``names`` (L) of its columns, and ``timestamps`` (n).
 
-Data sets of LeRobot and other parquet files: `lerobot`.
+Data sets of LeRobot and other parquet files: `lerobot`. Messages JointState, as ROS prints them, are read as well.
 
 Values are in rad and m unless the header or the caller says otherwise. Joint 3 of a FANUC arm is the angle between
 upper arm and forearm, unless the caller says that it is the pendant's (`joint_readings`). Degrees that are read as
@@ -31,12 +31,14 @@ from numpy.typing import NDArray
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, require_size, shown
 from ...core.files.table import Places, Schema, Table, read_table, rows_are_numbers
+from ...core.files.tree_values import fields_of, items_of
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate, repeats_note, rows_once
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_LINE_CHARACTERS, MAX_TABLE_BYTES
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_LINE_CHARACTERS, MAX_LISTED, MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.columns import SECONDS, meaning_and_unit
+from ...formats.echoed_messages import messages_of
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .joint import PRISMATIC, REVOLUTE, require_within_limits
@@ -180,6 +182,8 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
                 times, values, columns = _from_arrays(data, name, wanted)
             elif start.lstrip().startswith((b"[", b"{")):
                 times, values, columns = _from_tree(file.read(MAX_DESCRIPTION_BYTES + 1), path, wanted)
+            elif start.startswith((b"header:", b"name:")):
+                times, values, columns = _from_messages(file.read(MAX_DESCRIPTION_BYTES + 1), path, wanted)
             else:
                 times, values, columns, lines = _from_csv(file, name, wanted)
     at, L = _row_names(name, lines), len(wanted.names)
@@ -483,6 +487,34 @@ def _from_tree(data: bytes, path: Path, wanted: _Wanted) -> tuple[Array | None, 
         times = values[:, time] * SECONDS[meaning_and_unit(names[time])[1] or "s"]
         names, values = [one for k, one in enumerate(names) if k != time], np.delete(values, time, axis=1)
     return times, *_by_name(values, names, wanted, name, name)
+
+
+def _from_messages(data: bytes, path: Path, wanted: _Wanted) -> tuple[Array | None, Array, _Columns]:
+    """Joint values of messages JointState, as ``ros2 topic echo`` and ``rostopic echo`` print them."""
+    require_size(len(data), MAX_DESCRIPTION_BYTES, path)
+    name = shown(path)
+    times, rows = list[float](), list[dict[str, float]]()
+    for line, message, wrong, ended in messages_of(data.decode("utf-8", "replace")):
+        names, stamp = items_of(message.get("name")), fields_of(fields_of(message.get("header")).get("stamp"))
+        try:
+            rows.append(dict(zip(map(str, names), map(float, items_of(message.get("position"))), strict=True)))
+            if wrong is not None or rows[-1].keys() != rows[0].keys() or not names:
+                raise ValueError
+        except (TypeError, ValueError):
+            if not ended and len(rows) > 1:
+                wanted.notes.append("the last message is cut off, and left out")
+                break
+            raise InputError(
+                f"{name}, the message at line {line}: expected a JointState with a position of each joint, the same "
+                f"joints in all messages, got the fields {', '.join(list(message)[:MAX_LISTED]) or 'none'}."
+            ) from None
+        seconds, parts = stamp.get("sec", stamp.get("secs")), stamp.get("nanosec", stamp.get("nsecs"))
+        times.append(float(seconds or 0) + 1e-9 * float(parts or 0))
+    if not rows:
+        raise InputError(f"{name}: expected messages JointState, got none.")
+    names, rows = list(rows[0]), rows[: len(times)]
+    values = np.array([[row[one] for one in names] for row in rows])
+    return np.array(times) if any(times) else None, *_by_name(values, names, wanted, name, name)
 
 
 def _by_name(values: Array, names: list[str], wanted: _Wanted, name: str, where: str) -> tuple[Array, _Columns]:
