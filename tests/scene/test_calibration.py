@@ -113,6 +113,10 @@ def test_results_of_two_runs_are_compared_and_not_checked(scene, tmp_path):
     (tmp_path / "a.png").write_bytes(b"none")
     with pytest.raises(uq.InputError, match="holds no scene in which pictures could be placed"):
         uq.scene_poses([tmp_path / "a.png"], result=found)
+    fixed = replace(scene.facts, known="AAAA"), inverse(scene.robot)
+    to_hand = uq.calibrate(replace(scene.pairs, scene=fixed[0], robot=fixed[1], setup="eye-to-hand"))
+    with pytest.raises(uq.InputError, match="an object in the hand are not placed precisely enough"):
+        uq.scene_poses([tmp_path / "a.png"], result=to_hand)
     off = uq.difference(found, uq.calibrate(again))
     assert off.xi.shape == (6,) and off.p_value_W is None and off.p_value_X > 0.5
 
