@@ -210,7 +210,7 @@ def of_files(name: str, keep: Path | None) -> list[dict[str, Any]]:
                 warnings.simplefilter("ignore", uq.InputWarning)
                 try:
                     result = uq.calibrate(uq.read_poses(robot, camera), camera_scale="unknown")
-                except (uq.InputError, uq.DegenerateMotionError) as error:
+                except (uq.InputError, uq.DegenerateMotionError, uq.NotConvergedError) as error:
                     lines.append(line | {"refused": str(error)})
                     continue
             scale = result.camera_scale
@@ -237,7 +237,7 @@ def of_pictures(name: str, full: bool, keep: Path | None) -> list[dict[str, Any]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", uq.InputWarning)
                 found = uq.scene_poses(paths, made.robot, setup=made.setup)
-        except (uq.InputError, uq.DegenerateMotionError) as error:
+        except (uq.InputError, uq.DegenerateMotionError, uq.NotConvergedError) as error:
             text = str(error)
             return [
                 {"draw": 0, "refused": text, "in_order": in_order(text, made), "cpu": time.process_time() - started}
