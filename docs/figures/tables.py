@@ -229,28 +229,6 @@ def drawn_scenes() -> str:
     return table(["scene", "pictures", "robot noise", "X off by", "stated", "d^2"], rows)
 
 
-def scene_files() -> str:
-    """Return X by the camera poses of COLMAP as files of an unknown scale."""
-    rows = []
-    for one in of_scenes()["files"]["table"]:
-        how = "scene_T_camera (inverse)" if one["inverted"] else "camera_T_scene"
-        if "refused" in one or not one["scale"]:
-            rows.append([how, "refused", "", "", ""])
-            continue
-        factor, sd = one["scale"]
-        said = "usable" if one["usable"] else "NOT USABLE"
-        rows.append(
-            [
-                how,
-                f"{one['mm']:.2f} mm, {one['deg']:.3f} deg",
-                f"{one['stated_mm']:.2f} mm",
-                f"{1e3 * factor:.2f} +- {1e3 * sd:.2f} mm",
-                said,
-            ]
-        )
-    return table(["camera poses", "X off by", "stated", "1 unit", "said"], rows)
-
-
 TABLES: dict[str, Callable[[], str]] = {
     make.__name__: make
     for make in (
@@ -264,7 +242,6 @@ TABLES: dict[str, Callable[[], str]] = {
         scenes,
         tracks,
         drawn_scenes,
-        scene_files,
         exit_statuses,
     )
 }

@@ -28,7 +28,7 @@ from .lens import Lens
 from .tracks import Tracks
 
 # Features of a picture at most, and with weak ones; of more pictures than so many fewer, by the root of their number.
-MOST_FEATURES, MOST_WEAK, PICTURES_OF_MOST = 3000, 8192, 25
+MOST_FEATURES, MOST_WEAK, PICTURES_OF_MOST = 3000, 8192, 40
 # Fewer features of a picture are few: weak ones are taken as well.
 FEW_FEATURES = 500
 # Pictures up to this number are matched each with each; more only with their neighbours.
