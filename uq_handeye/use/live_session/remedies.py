@@ -49,7 +49,7 @@ def remedies_of(findings: Sequence[Finding], kept: Sequence[int]) -> tuple[Remed
 
 def is_remedied(finding: Finding) -> bool:
     """Return whether buttons say what a finding says, in words of the page."""
-    return bool(finding.values.get("readings"))
+    return bool(finding.values.get("readings")) or _of_lengths([finding]) is not None
 
 
 def _of_reading(reading: ReadingValues) -> list[Remedy]:
