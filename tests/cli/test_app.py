@@ -158,7 +158,7 @@ def test_scale_and_units(session, tmp_path):
         (tmp_path / file.name).write_text("\n".join(rows))
     millimetres = tmp_path / "robot.csv", tmp_path / "camera.csv"
     done = run("calibrate", *millimetres, *NOISE)
-    assert done.returncode == 3 and "--units robot=mm" in done.stdout.splitlines()[-1] and done.stderr == ""
+    assert done.returncode == 3 and "--units mm; with --units m" in done.stdout.splitlines()[-1] and done.stderr == ""
     assert "look like millimetres" in run("calibrate", *millimetres, *NOISE, "-v").stdout
     for method in ("4dpa", "efficient"):
         options = (*NOISE, "--json", "--method", method)
