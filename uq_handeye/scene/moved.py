@@ -20,13 +20,20 @@ from .colmap import Matched
 from .estimate import Placed
 
 
-def moved_object(placed: Placed, seen: Matched, in_metres: bool, least_points: int = 15) -> Finding | None:
-    """Return what is said of the largest object that moved, of ``least_points`` or more; None where none did."""
+def moved_object(
+    placed: Placed, seen: Matched, in_metres: bool, least_points: int = 8, least_share: float = 0.05
+) -> Finding | None:
+    """Return what is said of the largest object that moved; None where none did.
+
+    It has ``least_points`` or more at each place, and ``least_share`` of all links: of links by chance 2 to 4 of 90
+    agree with one motion.
+    """
     links = _links(placed, seen)
+    least_points = max(least_points, int(np.ceil(least_share * len(links))))
     before, after = placed.scene.points[links].transpose(1, 0, 2)
     kept = _rigid(before, after, 8.0 * _metres_per_pixel(placed), least_points)
     links = links[kept]
-    if len(np.unique(links[:, 0])) < least_points:
+    if min(len(np.unique(side)) for side in links.T) < least_points:
         return None
     t = placed.scene.tracks
     first, second = (np.bincount(t.picture[np.isin(t.point, links[:, k])], minlength=t.n) for k in (0, 1))
