@@ -89,7 +89,7 @@ class Lens(ReadOnlyArrays):
 
     @property
     def possible(self) -> bool:
-        """Whether the focal lengths are positive."""
+        """Return whether the focal lengths are positive."""
         return bool((self.values[:2] > 0).all())
 
     @property
@@ -166,7 +166,7 @@ class Lenses(Lens):
 
     @property
     def possible(self) -> bool:
-        """Whether the focal lengths are positive."""
+        """Return whether the focal lengths are positive."""
         return all(lens.possible for lens in self.each)
 
     def prior_rows(self) -> tuple[Array, Array]:

@@ -81,7 +81,7 @@ class Task(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where rows are linear: unknowns, and poses as they were corrected last."""
+    """Point at which rows are linear: unknowns, and poses as they were corrected last."""
 
     at: Array  # (m, 4, 4)
     robot: Array  # (P, 4, 4)
@@ -138,7 +138,7 @@ class White:
 
     @property
     def A(self) -> Array:
-        """(b, d, p + m) derivatives by unknowns and shared errors; made anew, since few rows of it are needed twice."""
+        """(b, d, p + m) derivatives by unknowns and shared errors; made at each call: few rows are needed twice."""
         (b, e), q, noise = self.batch.edges.shape, self.batch.robots.shape[1], self.noise
         p = self.graph.p
         A = np.empty((b, 6 * e, p + noise.count))
@@ -210,7 +210,7 @@ class RigFit:
 
     @property
     def weights(self) -> Weights:
-        """What another fit near by goes on from."""
+        """State that another fit near by goes on from."""
         return Weights(self.edge_weights, self.pose_weights, self.v, self.clear)
 
     @property

@@ -319,7 +319,7 @@ class Graph:
 
 
 def _is_nothing(D: Array) -> bool:
-    """Whether derivatives are one zero for all edges, which has no memory of its own."""
+    """Return whether derivatives are one zero for all edges, which has no memory of its own."""
     return D.strides == (0, 0, 0)
 
 

@@ -167,7 +167,7 @@ class Method(Published):
 
     @property
     def smooth(self) -> bool:
-        """Whether X is differentiable by the data, so that derivatives give its covariance."""
+        """Return whether X is differentiable by the data, so that derivatives give its covariance."""
         return self.covariance is None
 
     @property
