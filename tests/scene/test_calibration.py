@@ -298,6 +298,3 @@ def test_options_of_a_board_are_refused(tmp_path):
     assert done.returncode == 2 and "--scene needs pictures" in done.stderr
     done = run("calibrate", "robot.csv", "--images", "*.png", "--mask", "m.png", cwd=tmp_path)
     assert done.returncode == 2 and "--mask" in done.stderr
-    for command in (["live", "session"], ["calibrate", "--watch", "."]):
-        done = run(*command, "--images", "*.png", "--scene", cwd=tmp_path)
-        assert done.returncode == 2 and "all pictures at once" in done.stderr
