@@ -203,14 +203,14 @@ def _require_mask(mask: Path, size: tuple[int, int]) -> None:
         pass
     try:
         with Image.open(mask) as picture:
-            kept, found = np.asarray(picture.convert("L")) > 0, picture.size
-    except OSError:
+            if picture.size != size:  # stated by the file: nothing larger is decoded
+                raise InputError(
+                    f"Expected {shown(mask)} (--mask) to have the size of the pictures, {size[0]} x {size[1]}, got "
+                    f"{picture.width} x {picture.height}."
+                )
+            kept = np.asarray(picture.convert("L")) > 0
+    except (OSError, Image.DecompressionBombError):
         raise InputError(f"{shown(mask)} (--mask) cannot be read as a picture.") from None
-    if found != size:
-        raise InputError(
-            f"Expected {shown(mask)} (--mask) to have the size of the pictures, {size[0]} x {size[1]}, got "
-            f"{found[0]} x {found[1]}."
-        )
     if not kept.any():
         raise InputError(f"{shown(mask)} (--mask) is black everywhere: it is black where the gripper is, else white.")
 

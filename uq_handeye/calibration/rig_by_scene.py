@@ -1,7 +1,7 @@
 """The function `scene_rig`: several cameras that see one scene without a board.
 
 The pictures of all cameras make one scene, in which each camera has a lens of its own. Their poses have one joint
-covariance and one unknown scale. The scale for a start follows from the screws of the camera of most pictures.
+covariance and one unknown scale. The scale for a start is that of the camera whose screws agree best with the robot's.
 """
 
 from __future__ import annotations
