@@ -9,10 +9,10 @@ import pytest
 from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.model.error_terms import key as key_module
-from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
-from uq_handeye.model.error_terms.keys import ARM, FOCAL_LENGTH, PRINCIPAL_POINT
-from uq_handeye.model.error_terms.sizes import SIZES
+from uq_handeye.model.errors import key as key_module
+from uq_handeye.model.errors.key import ErrorKey, Kind, Owner
+from uq_handeye.model.errors.keys import ARM, FOCAL_LENGTH, PRINCIPAL_POINT
+from uq_handeye.model.errors.sizes import SIZES
 from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 PACKAGE = Path(uq.__file__).parent

@@ -12,7 +12,7 @@ import support
 
 import uq_handeye as uq
 from uq_handeye.cli import app
-from uq_handeye.fit.one_model.request import COVARIANCES
+from uq_handeye.fit.graph.request import COVARIANCES
 
 # Tests of the consistency of each kind of covariance of X: of many draws, its mean or the errors that it predicts.
 CONSISTENT = {

@@ -74,14 +74,18 @@ def values_of(code):
     return made
 
 
-# Codes are in files of results, and keep the name of the package that was before.
-MOVED = {"noise_estimation": "one_model", **dict.fromkeys(("monte_carlo", "posterior"), "validation")}
+# Codes are in files of results, and keep the name of their topic where its package has another one.
+PACKAGES = {
+    **dict.fromkeys(("noise_estimation", "one_model"), "graph"),
+    **dict.fromkeys(("monte_carlo", "posterior"), "validation"),
+    "input_checks": "diagnostics", "propagation": "methods",
+}  # fmt: skip
 
 
 def of_package(code):
     """Return whether the code is worded in the module ``sentences`` of its package."""
-    package = MOVED.get(code.split(".")[0], code.split(".")[0])
-    return any(f'"{code}"' in path.read_text(encoding="utf-8") for path in ROOT.rglob(f"{package}/sentences.py"))
+    package = PACKAGES.get(code.split(".")[0], code.split(".")[0])
+    return any(f'"{code}"' in path.read_text(encoding="utf-8") for path in ROOT.rglob(f"{package}/*sentences.py"))
 
 
 @pytest.mark.parametrize("code", [code for code in WORDS if code != "stored.text"])

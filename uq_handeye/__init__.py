@@ -31,16 +31,17 @@ if _typing.TYPE_CHECKING:
         NotConvergedError,
         SingularNoiseError,
     )
-    from .fit.input_checks.board_rotation import resolve_board_rotation
-    from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
-    from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
-    from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
-    from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
-    from .methods.estimators.nguyen import nguyen
-    from .methods.procrustes.paper_covariances import octonion_covariance, paper_covariances, so4_covariance
-    from .methods.procrustes.registration import register
-    from .methods.procrustes.scaled import se3_from_so4, so4_from_se3
-    from .methods.propagation.propagate import propagate
+    from .fit.diagnostics.board_rotation import resolve_board_rotation
+    from .fit.diagnostics.pose_ambiguity import resolve_pose_ambiguity
+    from .fit.graph.gauss_helmert import bound, efficient, maximum_likelihood
+    from .fit.graph.noise_of_data import estimate_noise, estimate_robot_noise
+    from .methods.method import Method
+    from .methods.nguyen import nguyen
+    from .methods.paper_covariances import octonion_covariance, paper_covariances, so4_covariance
+    from .methods.propagate import propagate
+    from .methods.registration import register
+    from .methods.registry import METHODS, ROBOT_WORLD_METHODS, solve
+    from .methods.scaled import se3_from_so4, so4_from_se3
     from .model.camera.board import detect_board
     from .model.camera.board_file import read_board
     from .model.camera.board_shape import BoardShape
@@ -52,19 +53,19 @@ if _typing.TYPE_CHECKING:
     from .model.camera.measured_board import MeasuredBoard
     from .model.camera.result import CameraCalibration
     from .model.camera.stored_calibration import read_camera
-    from .model.error_terms.estimate import ErrorEstimate
-    from .model.error_terms.term import Component
+    from .model.errors.camera_noise import CameraNoise
+    from .model.errors.error_estimate import ErrorEstimate
+    from .model.errors.joint_covariance import JointCovariance
+    from .model.errors.known_values import parse_known_values
+    from .model.errors.models import PairNoise, PoseNoise
+    from .model.errors.noise_estimate import NoiseEstimate, NoisePrior
+    from .model.errors.pose_prior import PosePrior
+    from .model.errors.term import Component
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
     from .model.kinematics.errors import ErrorParameter
     from .model.kinematics.joints_file import read_joints
     from .model.kinematics.kinematic_errors import KinematicErrors
-    from .model.noise.camera_noise import CameraNoise
-    from .model.noise.estimate import NoiseEstimate, NoisePrior
-    from .model.noise.joint_covariance import JointCovariance
-    from .model.noise.known_values import parse_known_values
-    from .model.noise.models import PairNoise, PoseNoise
-    from .model.noise.pose_prior import PosePrior
     from .model.points.estimate import poses_from_points
     from .model.points.measured import PointSet, Target
     from .model.points.point_file import read_points, read_target
@@ -278,13 +279,9 @@ _LATER = {
         "NotConvergedError",
         "SingularNoiseError",
     ),
-    "methods.estimators": (
-        "METHODS",
-        "Method",
-        "ROBOT_WORLD_METHODS",
-        "solve",
-    ),
-    "methods.estimators.nguyen": ("nguyen",),
+    "methods.method": ("Method",),
+    "methods.registry": ("METHODS", "ROBOT_WORLD_METHODS", "solve"),
+    "methods.nguyen": ("nguyen",),
     "calibration.evidence.touches": ("Touches",),
     "core.geometry.conventions": (
         "from_convention",
@@ -311,7 +308,7 @@ _LATER = {
     "model.kinematics.errors": ("ErrorParameter",),
     "model.kinematics.joints_file": ("read_joints",),
     "model.kinematics.kinematic_errors": ("KinematicErrors",),
-    "fit.likelihood.gauss_helmert": (
+    "fit.graph.gauss_helmert": (
         "bound",
         "efficient",
         "maximum_likelihood",
@@ -322,22 +319,22 @@ _LATER = {
     "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
     "use.maintenance.difference": ("Difference", "difference"),
     "use.maintenance.update": ("include_touches", "update"),
-    "model.noise.estimate": (
+    "model.errors.noise_estimate": (
         "NoiseEstimate",
         "NoisePrior",
     ),
-    "model.noise.joint_covariance": ("JointCovariance",),
-    "model.noise.camera_noise": ("CameraNoise",),
-    "model.noise.known_values": ("parse_known_values",),
-    "model.noise.models": ("PairNoise", "PoseNoise"),
-    "model.noise.pose_prior": ("PosePrior",),
-    "model.error_terms.estimate": ("ErrorEstimate",),
-    "model.error_terms.term": ("Component",),
-    "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
+    "model.errors.joint_covariance": ("JointCovariance",),
+    "model.errors.camera_noise": ("CameraNoise",),
+    "model.errors.known_values": ("parse_known_values",),
+    "model.errors.models": ("PairNoise", "PoseNoise"),
+    "model.errors.pose_prior": ("PosePrior",),
+    "model.errors.error_estimate": ("ErrorEstimate",),
+    "model.errors.term": ("Component",),
+    "fit.graph.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "use.planning.plan": ("plan",),
     "use.planning.result": ("Plan",),
-    "fit.input_checks.board_rotation": ("resolve_board_rotation",),
-    "fit.input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
+    "fit.diagnostics.board_rotation": ("resolve_board_rotation",),
+    "fit.diagnostics.pose_ambiguity": ("resolve_pose_ambiguity",),
     "model.points.estimate": ("poses_from_points",),
     "model.points.result": ("PointPoses", "read_point_poses"),
     "model.points.point_file": ("read_points", "read_target"),
@@ -355,15 +352,15 @@ _LATER = {
     ),
     "model.poses.pose_pairs": ("PosePairs",),
     "model.poses.stream": ("Stream",),
-    "methods.procrustes.registration": ("register",),
-    "methods.procrustes.scaled": ("se3_from_so4", "so4_from_se3"),
-    "methods.procrustes.paper_covariances": (
+    "methods.registration": ("register",),
+    "methods.scaled": ("se3_from_so4", "so4_from_se3"),
+    "methods.paper_covariances": (
         "octonion_covariance",
         "of_camera",
         "paper_covariances",
         "so4_covariance",
     ),
-    "methods.propagation.propagate": ("propagate",),
+    "methods.propagate": ("propagate",),
     "model.shared_errors.shared_error": ("SharedError",),
     "trials.simulation.rig": ("simulate",),
     "read.synchronisation.result": ("Synchronised",),

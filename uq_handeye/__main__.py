@@ -9,7 +9,7 @@ def main() -> None:
     """Run the command line.
 
     Linear algebra keeps to one thread, unless the environment says otherwise: matrices of a hundred rows are just
-    large enough for several, which wait for each other far longer than one takes (`runtime.threads`). Garbage is looked
+    large enough for several, which wait for each other far longer than one takes (`core.threads`). Garbage is looked
     for less often than by default: importing makes ten thousand objects that all stay.
     """
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):  # before NumPy is loaded

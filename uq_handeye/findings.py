@@ -1,8 +1,8 @@
 """Findings of tests, fits and runs: code, severity and values of each, from which its sentence is made.
 
 Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
-codes that begin with its name in its module ``sentences``, by functions that take the values by name, and says there
-all else of the code (`Record`); or, where a template says it all (`Template`), by that:
+codes of its topics in its module ``sentences``, by functions that take the values by name, and says there all else of
+the code (`Record`); or, where a template says it all (`Template`), by that:
 
     sentence("input_checks.half_turns", "{share:pct.0f} % of the motions rotate by more than 150 degrees.")
 
@@ -249,7 +249,7 @@ def sentence(code: str, template: str | None = None, /, **about: Any) -> Callabl
 def _read_sentences() -> None:
     """Import the ``sentences`` of every package: a stored finding may be of one that was not imported yet."""
     top = Path(__file__).parent
-    for path in sorted(top.rglob("sentences.py")):
+    for path in sorted(top.rglob("*sentences.py")):
         import_module(".".join((__package__ or "", *path.relative_to(top).with_suffix("").parts)))
 
 

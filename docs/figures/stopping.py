@@ -14,12 +14,12 @@ import warnings
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.tolerance import Tolerance, probability_within
+from uq_handeye.calibration.tolerance import Tolerance, probability_within
 from uq_handeye.core.geometry.se3 import logarithm
-from uq_handeye.core.numbers.levels import INTERVAL
+from uq_handeye.core.levels import INTERVAL
 from uq_handeye.errors import InputError, NotConvergedError
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.reference import Reference
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.fit.graph.reference import Reference
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 LOOSE, TIGHT = Tolerance.read("3mm,0.4deg"), Tolerance.read("1.2mm,0.15deg")

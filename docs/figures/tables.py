@@ -21,13 +21,13 @@ from typing import Any
 
 import uq_handeye as uq
 from uq_handeye.cli.exit_status import ExitStatus
-from uq_handeye.core.formatting.units import small_unit
 from uq_handeye.core.geometry.conventions import CONVENTIONS
-from uq_handeye.core.numbers.levels import LEVELS
+from uq_handeye.core.levels import LEVELS
+from uq_handeye.core.presentation.units import small_unit
 from uq_handeye.fit.diagnostics.sentences import DECLARE
-from uq_handeye.model.error_terms.key import ErrorKey
-from uq_handeye.model.error_terms.keys import DRIFTS
-from uq_handeye.model.error_terms.sizes import CLASSES, SIZES, Size
+from uq_handeye.model.errors.key import ErrorKey
+from uq_handeye.model.errors.keys import DRIFTS
+from uq_handeye.model.errors.sizes import CLASSES, SIZES, Size
 from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaults
 from uq_handeye.model.shared_errors.shared_error import OF_LENGTHS, SharedError
 

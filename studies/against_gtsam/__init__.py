@@ -32,10 +32,10 @@ from studies.common.gtsam_graphs import gtsam_graphs
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.presentation.colours import BLUE, INK, ORANGE, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
-from uq_handeye.methods.propagation.target_pose import mean_target
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.methods.all_pairs import solve_all_pairs
+from uq_handeye.methods.target_pose import mean_target
 
 SEED = 2019
 OTHERS = 20  # random covariances tried besides those of the tests

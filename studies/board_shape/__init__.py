@@ -25,8 +25,8 @@ from studies.common.quantiles import quantile_figure
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.presentation.colours import BLUE, ORANGE
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.board_shape import polynomial_shape
 from uq_handeye.model.camera.calibrate import calibrate_camera
 

@@ -27,14 +27,14 @@ from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.core.presentation.colours import BLUE, GREEN, ORANGE
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.gauss_helmert import Fit, efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof
-from uq_handeye.fit.one_model.noise_of_data import estimate_noise
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.gauss_helmert import Fit, efficient
+from uq_handeye.fit.graph.goodness_of_fit import effective_dof
+from uq_handeye.fit.graph.noise_of_data import estimate_noise
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners
 from uq_handeye.model.camera.models import MODELS
-from uq_handeye.model.noise.models import marginals
+from uq_handeye.model.errors.models import marginals
 
 SEED = 2019
 SIZE = (1280, 960)

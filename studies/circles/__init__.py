@@ -29,9 +29,9 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse
 from uq_handeye.core.presentation.colours import BLUE, ORANGE, PURPLE, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.input_checks.board_rotation import resolve_board_rotation
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.diagnostics.board_rotation import resolve_board_rotation
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.adjustment.opencv import opencv
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners

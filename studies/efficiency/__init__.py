@@ -34,8 +34,8 @@ from studies.efficiency.findings import NEES, deviations_between, findings, firs
 from studies.efficiency.rig import METHODS, SWEEPS, Setting, Size, Sweep, cell, motions
 from uq_handeye.core.presentation.colours import GRID, INK, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.core.threads import one_thread
 
 FULL, QUICK = Size(budget=60_000, most=500_000), Size(budget=5_000, most=10_000, fewest=80, trials=200)
 NEAR_SHARE, NEAR_DISTANCE = 0.8, 0.01  # of the motions whose weight is asked for; degrees from 180

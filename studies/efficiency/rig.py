@@ -19,7 +19,7 @@ import uq_handeye as uq
 from studies.common.geometries import random_transforms
 from studies.common.noises import both, diagonal
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.model.noise.models import Noise
+from uq_handeye.model.errors.models import Noise
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.simulation.run import run
 

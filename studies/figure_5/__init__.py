@@ -42,7 +42,7 @@ from studies.figure_5.rig import (
     sample,
 )
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 AXES = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 UNITS = ("mrad",) * 3 + ("mm",) * 3

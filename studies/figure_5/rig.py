@@ -21,8 +21,8 @@ from studies.common.noises import paper
 from studies.common.scores import CERTAIN, errors, nees, true_means
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 from uq_handeye.methods import _closed_form
-from uq_handeye.methods.procrustes.paper_covariances import PAPER_SCALE
-from uq_handeye.methods.procrustes.scaled import se3_from_so4, so4_from_se3, solve_4dpa
+from uq_handeye.methods.paper_covariances import PAPER_SCALE
+from uq_handeye.methods.scaled import se3_from_so4, so4_from_se3, solve_4dpa
 from uq_handeye.trials.simulation.experiment import Experiment, experiment
 from uq_handeye.trials.simulation.run import run
 from uq_handeye.trials.validation.cross_check.rows import formulas, is_singular

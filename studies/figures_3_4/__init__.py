@@ -46,7 +46,7 @@ from studies.figures_3_4.rig import (
 from uq_handeye.core.geometry.se3 import Array, logarithm
 from uq_handeye.core.presentation.colours import BLUE, INK
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 SEED = 2019
 FIGURE = {"rotation": "Fig. 3", "translation": "Fig. 4"}

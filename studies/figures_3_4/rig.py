@@ -14,7 +14,7 @@ import uq_handeye as uq
 from studies.common.geometries import random_transforms
 from uq_handeye.core.geometry.nearest_rotation import orthonormalise
 from uq_handeye.core.geometry.se3 import Array, inverse, logarithm
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.graph.gauss_helmert import efficient
 
 LEVELS = 10.0 ** np.arange(-6.0, -0.75, 0.5)
 KINDS = ("rotation", "translation")  # Figs. 3 and 4

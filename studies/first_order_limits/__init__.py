@@ -26,11 +26,11 @@ from studies.common.geometries import random_transforms
 from studies.common.noises import diagonal
 from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
-from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.core.presentation.colours import GRID, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.presentation.numbers import digits
+from uq_handeye.core.progress import progress_bar
 
 SEED = 2019
 DEVIATIONS = (1, 3, 10, 30, 100, 300)  # mrad

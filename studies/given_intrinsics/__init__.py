@@ -27,8 +27,8 @@ from studies.camera_covariance import ROBOT, SIZE, error, recorded
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.calibration.camera_of_result import given_test_with_robot
 from uq_handeye.core.presentation.figure_parts import canvas, finished
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.intrinsics_file import read_intrinsics
 from uq_handeye.model.camera.models import LINEAR, MODELS

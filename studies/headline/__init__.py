@@ -26,7 +26,7 @@ from studies.headline.figures import figures
 from studies.headline.findings import findings
 from studies.headline.rigs import KINDS, Rig
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 SEED, RIGS = 2020, 30
 BEYOND = 3.0

@@ -33,7 +33,7 @@ from studies.kinematics.findings import findings
 from studies.kinematics.real_sets import recorded, subsets
 from studies.kinematics.simulated import INSIDE, Case, calibrated, drawn, predicted, rms, scored
 from studies.kinematics.touches import fitted, nominal, read_touches, score
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 SEED = 2019
 SETS, SUBSETS = 48, 8

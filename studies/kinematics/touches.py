@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 import uq_handeye as uq
 from studies.common.scores import nees
 from uq_handeye.core.geometry.se3 import Array, skew
-from uq_handeye.fit.likelihood.constraint import Linearised
-from uq_handeye.fit.one_model.engine import LatentModel
-from uq_handeye.fit.one_model.integration import integrate
-from uq_handeye.fit.one_model.mode import find_mode
-from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
-from uq_handeye.model.error_terms.keys import JOINT_NOISE
-from uq_handeye.model.error_terms.sizes import SIZES, Size
-from uq_handeye.model.error_terms.term import ErrorTerm
+from uq_handeye.fit.graph.constraint import Linearised
+from uq_handeye.fit.graph.engine import LatentModel
+from uq_handeye.fit.graph.integration import integrate
+from uq_handeye.fit.graph.mode import find_mode
+from uq_handeye.model.errors.key import ErrorKey, Kind, Owner
+from uq_handeye.model.errors.keys import JOINT_NOISE
+from uq_handeye.model.errors.sizes import SIZES, Size
+from uq_handeye.model.errors.term import ErrorTerm
 
 TOUCH = "touch"
 TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand

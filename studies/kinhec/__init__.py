@@ -32,8 +32,8 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, logarithm
 from uq_handeye.core.presentation.colours import BLUE, ORANGE, QUIET
 from uq_handeye.core.presentation.figure_parts import TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.core.threads import one_thread
 from uq_handeye.errors import MissingExtraError
 
 SEED = 31

@@ -52,7 +52,7 @@ from studies.laser_camera.estimates import (
     sensors_share,
 )
 from studies.laser_camera.figures import honesty, trajectories
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 
 def measure(full: bool) -> dict[str, pd.DataFrame]:

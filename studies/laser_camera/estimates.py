@@ -18,7 +18,7 @@ import uq_handeye as uq
 from studies.common.scores import errors, nees
 from studies.laser_camera import rig as rig
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
-from uq_handeye.fit.likelihood.gauss_helmert import offset_sensitivity
+from uq_handeye.fit.graph.gauss_helmert import offset_sensitivity
 from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019

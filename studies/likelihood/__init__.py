@@ -29,11 +29,11 @@ from studies.common.styles import style
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 from uq_handeye.core.presentation.colours import GRID, INK, ORANGE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
-from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
+from uq_handeye.fit.graph.starts import start_of
+from uq_handeye.methods.all_pairs import solve_all_pairs
 from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019

@@ -13,7 +13,7 @@ from studies.maintenance.rigs import CAUSES, NOISES, SETUPS, Rig, rig
 from studies.maintenance.touches import touch_table, touches_of
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 from uq_handeye.use.maintenance.causes import columns_of_causes
 
 LEVEL = 0.05

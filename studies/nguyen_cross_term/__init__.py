@@ -27,9 +27,9 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 from uq_handeye.core.presentation.colours import BLUE, GRID, ORANGE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.methods.estimators.gauss_newton import Stop
-from uq_handeye.methods.estimators.nguyen import NguyenDerivatives, nguyen
-from uq_handeye.methods.estimators.nguyen_stages import CrossTerm, NguyenResult
+from uq_handeye.methods.gauss_newton import Stop
+from uq_handeye.methods.nguyen import NguyenDerivatives, nguyen
+from uq_handeye.methods.nguyen_stages import CrossTerm, NguyenResult
 
 SEED = 2018
 KINDS: tuple[CrossTerm, ...] = ("derived", "published")

@@ -21,7 +21,7 @@ from studies.one_model.chains import Array
 from studies.one_model.measure import Cell
 from studies.one_model.rigs import DataSet, simple_set
 from studies.one_model.true_arms import left_errors
-from uq_handeye.fit.likelihood.constraint import OnPoses, Unknowns
+from uq_handeye.fit.graph.constraint import OnPoses, Unknowns
 
 CELLS = ("white,15", "white,40", "drift,15", "drift,40", "wrong_square,15", "wrong_square,40")
 

@@ -40,10 +40,10 @@ from uq_handeye.calibration.job import job_of
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.core.presentation.colours import BLUE, GRID, INK, ORANGE, PURPLE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.fit.one_model.estimation import JointModel
-from uq_handeye.fit.one_model.request import Request
-from uq_handeye.model.error_terms.keys import TARGET_SCALE
-from uq_handeye.model.error_terms.sizes import Size
+from uq_handeye.fit.graph.estimation import JointModel
+from uq_handeye.fit.graph.request import Request
+from uq_handeye.model.errors.keys import TARGET_SCALE
+from uq_handeye.model.errors.sizes import Size
 
 SEED = 2904
 AXES = ("theta x", "theta y", "theta z", "tau x", "tau y", "tau z")

@@ -28,8 +28,8 @@ from studies.one_model.chains import Array
 from studies.one_model.ranks import AXES, CELLS, drawn, model_of
 from uq_handeye.core.presentation.colours import BLUE, ORANGE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.fit.one_model.engine import LatentModel
-from uq_handeye.fit.one_model.integration import Mixture
+from uq_handeye.fit.graph.engine import LatentModel
+from uq_handeye.fit.graph.integration import Mixture
 
 SEED = 2905
 # Deviations of the prior between which sizes are looked for, as by the mode; share of the diagonal against rounding.

@@ -39,8 +39,8 @@ from studies.peers.programs import PEERS, Prepared, Program, installed
 from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.core.presentation.colours import BLUE, GREEN, GRID, INK, ORANGE, PURPLE, QUIET, SKY
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.core.threads import one_thread
 from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019

@@ -31,8 +31,8 @@ from studies.common.study import Study, Tables, markdown
 from studies.peers import rig_programs
 from uq_handeye.core.files.atomic import write_files
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.core.threads import one_thread
 from uq_handeye.model.camera.calibration_files import camera_files
 from uq_handeye.model.camera.corners import Corners
 from uq_handeye.model.camera.corners_file import corners_text

@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 import uq_handeye as uq  # noqa: E402
-from uq_handeye.methods.propagation.all_pairs import AllPairs  # noqa: E402
+from uq_handeye.methods.all_pairs import AllPairs  # noqa: E402
 
 OPENCV_AT_30 = 1.6  # ms, on the machine of the goals
 

@@ -29,7 +29,7 @@ from studies.planning.sessions import (
 )
 from uq_handeye.core.presentation.colours import BLUE, GRID, QUIET
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 QUICK = 24  # sessions
 

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.common.scores import errors, nees
 from uq_handeye.core.geometry.se3 import Array, inverse, skew
-from uq_handeye.fit.likelihood.constraint import OnPoses, residual_covariance
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.model.noise.square_roots import cholesky_of, whiten
-from uq_handeye.model.posterior.selection import covariance_of, greedy, value
+from uq_handeye.fit.graph.constraint import OnPoses, residual_covariance
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient
+from uq_handeye.fit.graph.selection import covariance_of, greedy, value
+from uq_handeye.model.errors.square_roots import cholesky_of, whiten
 from uq_handeye.trials.simulation.rig import RIGS, disturbed
 from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates

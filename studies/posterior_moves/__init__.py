@@ -24,12 +24,12 @@ import uq_handeye as uq
 from studies.common.noises import paper
 from studies.common.study import Study, Tables, markdown
 from studies.likelihood import draws
-from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.core.presentation.colours import BLUE, GREEN, INK, ORANGE, PURPLE, SKY
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.one_model.noise_of_data import estimate_noise
+from uq_handeye.core.presentation.numbers import digits
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.noise_of_data import estimate_noise
 from uq_handeye.trials.validation.posterior import proposal as posterior_moves
 from uq_handeye.trials.validation.posterior.convergence import autocorrelation_time, by_arviz
 from uq_handeye.trials.validation.posterior.density import Density, ScalePrior, density_of

@@ -26,13 +26,13 @@ from scipy.stats import binom
 import uq_handeye as uq
 from studies.common.scores import CERTAIN, errors, nees
 from studies.common.study import Study, Tables, markdown
+from uq_handeye.calibration.analysis import Analysis
 from uq_handeye.calibration.by_published import reference_of
-from uq_handeye.calibration.estimate.analysis import Analysis
 from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.core.presentation.colours import BLUE, GRID, ORANGE, SKY
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.empirical_covariance.resampled import resampled
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.diagnostics.resampled import resampled
 from uq_handeye.read import read_pose_file
 
 SEED = 2026

@@ -33,7 +33,7 @@ from studies.common.study import Study, Tables
 from studies.real_rigs.figures import figures
 from studies.real_rigs.findings import findings
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.shared_errors.camera_noise import camera_noise
 from uq_handeye.model.shared_errors.shared_error import SharedError

@@ -12,7 +12,7 @@ import numpy as np
 
 import uq_handeye as uq
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
-from uq_handeye.calibration.estimate.rig_poses import relative_pose
+from uq_handeye.calibration.rig_poses import relative_pose
 from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.fit.graph.fit import RigFit, fit
 from uq_handeye.fit.graph.graph import Graph

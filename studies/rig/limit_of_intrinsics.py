@@ -17,7 +17,7 @@ import pandas as pd
 from scipy.optimize import approx_fprime
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.rig_poses import relative_pose
+from uq_handeye.calibration.rig_poses import relative_pose
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.read import read_pose_file
 

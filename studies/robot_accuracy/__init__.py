@@ -26,7 +26,7 @@ from studies.common.study import Study, Tables, markdown
 from studies.kinematics.arms import ARMS
 from studies.kinematics.simulated import calibrated
 from studies.robot_accuracy.rigs import PLACES, session
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 SEED = 20190
 SETUPS = ("eye-in-hand", "eye-to-hand")

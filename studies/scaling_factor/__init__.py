@@ -27,7 +27,7 @@ from studies.scaling_factor.curves import CLAIMED, LENGTHS, NOISE, PRECISIONS, S
 from studies.scaling_factor.figures import figures
 from studies.scaling_factor.findings import findings
 from uq_handeye.core.geometry.se3 import Array, inverse, logarithm, perturb
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 
 SEED = 2019
 PAIRS = 60

@@ -42,8 +42,8 @@ from studies.scene.sessions import (
     with_noise,
 )
 from uq_handeye.core.geometry.se3 import Array, difference, inverse, perturb
-from uq_handeye.core.runtime.threads import one_thread
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.core.threads import one_thread
+from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.model.poses.scene_facts import SceneFacts
 from uq_handeye.scene.adjust import Scene, adjust, reduce
 from uq_handeye.scene.estimate import pull_of_robot

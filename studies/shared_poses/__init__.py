@@ -30,7 +30,7 @@ from studies.common.study import Study, Tables
 from studies.shared_poses.figures import figures
 from studies.shared_poses.findings import findings
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 from uq_handeye.model.poses.pose_pairs import Truth
 from uq_handeye.trials.simulation.experiment import Experiment, experiment
 from uq_handeye.trials.simulation.run import run

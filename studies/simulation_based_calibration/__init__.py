@@ -36,8 +36,8 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 from uq_handeye.core.presentation.colours import BLUE, GRID, INK, ORANGE, PURPLE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.constraint import covariances_of
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.constraint import covariances_of
 from uq_handeye.trials.validation.posterior.density import ScalePrior
 from uq_handeye.trials.validation.posterior.sample import sample_posterior
 

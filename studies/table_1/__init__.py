@@ -37,10 +37,10 @@ from studies.common.study import Study, Tables
 from studies.table_1.figures import figures
 from studies.table_1.findings import findings
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
-from uq_handeye.methods.estimators import RobotWorldMethod
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.core.progress import progress_bar
+from uq_handeye.fit.graph.gauss_helmert import ESTIMATORS
+from uq_handeye.methods.noise_transport import noise_of_pairs
+from uq_handeye.methods.robot_world import RobotWorldMethod
 from uq_handeye.model.poses.pose_pairs import Truth
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.simulation.rig import disturbed

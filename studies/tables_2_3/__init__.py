@@ -35,9 +35,9 @@ from studies.tables_2_3 import ur10_camera
 from studies.tables_2_3.figures import figures
 from studies.tables_2_3.findings import BOUND, PAPER_SCALE, TRUTH, findings
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.progress import progress_bar
 from uq_handeye.errors import DegenerateMotionError
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.methods.noise_transport import noise_of_pairs
 from uq_handeye.model.poses.motions import pair_indices
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.simulation.rig import disturbed

@@ -12,7 +12,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.report.arm import arm_sentences
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
-from uq_handeye.model.kinematics.arms.known_arms import about_flange
+from uq_handeye.model.kinematics.known_arms import about_flange
 
 # Wide motions about a camera that does not follow its target.
 pytestmark = [

@@ -17,10 +17,10 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.errors import SingularNoiseError
-from uq_handeye.fit.empirical_covariance.resampled import resampled
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.fit.likelihood.reference import Reference
-from uq_handeye.fit.one_model.request import OF_RESIDUALS as KINDS
+from uq_handeye.fit.diagnostics.resampled import resampled
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient
+from uq_handeye.fit.graph.reference import Reference
+from uq_handeye.fit.graph.request import OF_RESIDUALS as KINDS
 
 # --------------------------------------------------------------------------------- the estimate, 4DPA beside it, W
 

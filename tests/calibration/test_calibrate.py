@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from support import difference, jacobian, moved
 
 import uq_handeye as uq
-from uq_handeye.methods.procrustes.scaled import octonion
+from uq_handeye.methods.scaled import octonion
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.fit.likelihood.scale_start import start_scale
+from uq_handeye.fit.graph.scale_start import start_scale
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.1deg", "0.5mm"))
 

@@ -10,7 +10,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.closed_forms import closed_forms
 from uq_handeye.calibration.job import job_of
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.fit.one_model.request import Request
+from uq_handeye.fit.graph.request import Request
 
 
 @pytest.mark.slow

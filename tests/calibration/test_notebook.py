@@ -12,10 +12,10 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.text import calibration_html
-from uq_handeye.core.formatting.numbers import concise
 from uq_handeye.core.geometry.pose_numbers import pose_numbers
 from uq_handeye.core.presentation.document import Caution, Code, Heading, Paragraph, Points, Table
 from uq_handeye.core.presentation.html import to_html
+from uq_handeye.core.presentation.numbers import concise
 from uq_handeye.findings import Finding
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

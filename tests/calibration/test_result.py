@@ -15,7 +15,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.parts import PARTS
+from uq_handeye.calibration.parts import PARTS
 
 # ------------------------------------------------------------------------------------------------------------- JSON
 

@@ -23,7 +23,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient
 
 # ------------------------------------------------------------------------------------------------------- robustness
 
@@ -258,7 +258,7 @@ def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
 
-    for module in ("calibration.by_likelihood", "fit.one_model.weights"):
+    for module in ("calibration.by_likelihood", "fit.graph.weighing"):
         monkeypatch.setattr(f"uq_handeye.{module}.fit_robustly", refuse)
     with pytest.warns(uq.InputWarning) as said:
         found = uq.calibrate(poses)
@@ -360,7 +360,7 @@ def test_what_was_recorded_can_be_repeated(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.NotConvergedError("weights take turns", None)
 
-    for module in ("calibration.by_likelihood", "fit.one_model.weights"):
+    for module in ("calibration.by_likelihood", "fit.graph.weighing"):
         monkeypatch.setattr(f"uq_handeye.{module}.fit_robustly", refuse)
     found = quietly(poses, noise=NOISE)
     assert found.provenance.options["robust"] is False

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.calibration.checks import shared_groups
 from uq_handeye.calibration.report.shared_errors import included_words, shared_table
-from uq_handeye.calibration.statement.checks import shared_groups
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.findings import Finding
 from uq_handeye.model.shared_errors.assumed import replace_defaults

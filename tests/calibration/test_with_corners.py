@@ -11,13 +11,13 @@ from support import assert_same_covariance, moved
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, error, poses_of, recorded
 from uq_handeye.errors import InputError
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.fit.one_model.noise_of_data import estimate_robot_noise
-from uq_handeye.model.error_terms.keys import CAMERA_EXCESS, PICTURE_SHIFT, TARGET_SCALE
-from uq_handeye.model.noise.estimate import NoisePrior
-from uq_handeye.model.noise.joint_covariance import JointCovariance
-from uq_handeye.model.noise.models import marginals
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.fit.graph.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.graph.noise_of_data import estimate_robot_noise
+from uq_handeye.model.errors.joint_covariance import JointCovariance
+from uq_handeye.model.errors.keys import CAMERA_EXCESS, PICTURE_SHIFT, TARGET_SCALE
+from uq_handeye.model.errors.models import marginals
+from uq_handeye.model.errors.noise_estimate import NoisePrior
 
 
 def calibrate(poses, **options):

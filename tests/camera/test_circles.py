@@ -13,7 +13,7 @@ from support import difference
 import uq_handeye as uq
 from studies.common.pictures import Camera, picture
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.fit.input_checks.board_rotation import resolve_board_rotation
+from uq_handeye.fit.diagnostics.board_rotation import resolve_board_rotation
 from uq_handeye.model.camera.adjustment.bundle import Bundle, BundleUnknowns
 from uq_handeye.model.camera.adjustment.disc_centres import offset
 from uq_handeye.model.camera.board_shape import polynomial_shape

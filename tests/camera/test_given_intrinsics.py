@@ -17,8 +17,8 @@ from uq_handeye.model.camera.given_intrinsics import (
 )
 from uq_handeye.model.camera.models import LINEAR, MODELS
 from uq_handeye.model.camera.stored_calibration import read_camera
-from uq_handeye.model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
-from uq_handeye.model.error_terms.sizes import SIZES
+from uq_handeye.model.errors.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+from uq_handeye.model.errors.sizes import SIZES
 
 LINEAR_TRUTH = (1000.0, 1002.0, 668.0, 470.0)
 D = (-0.15, 0.08, 5e-4, -4e-4, -0.02)

@@ -21,8 +21,8 @@ import uq_handeye as uq
 from studies.common.pictures import Camera, picture
 from uq_handeye.core.geometry.rotations import Rotation
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.fit.input_checks.board_rotation import resolve_board_rotation
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.diagnostics.board_rotation import resolve_board_rotation
+from uq_handeye.fit.graph.gauss_helmert import efficient
 
 ROOT = Path(__file__).parents[2]
 BOARDS = {

@@ -10,7 +10,7 @@ from support import CONFIDENCE, SEED, mean_interval
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, error, poses_of, recorded
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.adjustment.bundle import adjust
 from uq_handeye.model.camera.adjustment.picture_weights import common_variance, picture_weights
 from uq_handeye.model.camera.calibrate import calibrate_camera

@@ -12,9 +12,9 @@ from fixtures.reports import Page, overlapping
 from support import SEED, jacobian, rotations, transforms
 
 import uq_handeye as uq
-from uq_handeye.core.formatting.numbers import concise, fixed
 from uq_handeye.core.presentation.document import Paragraph
 from uq_handeye.core.presentation.figure_parts import FIGURE_WIDTH_IN
+from uq_handeye.core.presentation.numbers import concise, fixed
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.adjustment.bundle import BundleUnknowns
 from uq_handeye.model.camera.adjustment.criterion import Candidate

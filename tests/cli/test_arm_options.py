@@ -14,7 +14,7 @@ from support import CONFIDENCE, SEED, difference, moved, random_transforms
 import uq_handeye as uq
 from uq_handeye.cli import arm as arm_options
 from uq_handeye.cli import names as cli_names
-from uq_handeye.model.error_terms.sizes import CLASSES
+from uq_handeye.model.errors.sizes import CLASSES
 from uq_handeye.model.kinematics import kinematic_errors
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.workspace_gauge import aligned_poses

@@ -21,14 +21,14 @@ from uq_handeye.cli import names as cli_names
 from uq_handeye.cli.commands import export as cli_files
 from uq_handeye.cli.options import choices, parameters_of, with_messages, without_options
 from uq_handeye.cli.values import methods_of, one_of
-from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.conventions import CONVENTIONS
 from uq_handeye.core.geometry.frames import SETUPS
-from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
-from uq_handeye.fit.one_model.request import COVARIANCES
+from uq_handeye.core.presentation.units import LENGTH_UNITS
+from uq_handeye.fit.graph.gauss_helmert import ESTIMATORS
+from uq_handeye.fit.graph.request import COVARIANCES
 from uq_handeye.formats.controllers.forms import CONTROLLERS
 from uq_handeye.formats.export import FORMATS as EXPORTED
-from uq_handeye.methods.estimators import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.methods.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.read import FORMATS, pose_text, write_pose_file
 
 TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")

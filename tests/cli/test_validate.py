@@ -155,7 +155,7 @@ def test_bad_usage_is_one_line(run, arguments, words):
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_a_scheduler_that_is_not_there(run, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("uq_handeye.core.runtime.executors.MAX_WAIT_S", 0.5)
+    monkeypatch.setattr("uq_handeye.core.executors.MAX_WAIT_S", 0.5)
     status, out, err = run(*OPTIONS, "--scheduler", "tcp://127.0.0.1:9")
     assert (status, out) == (2, "") and "Cannot reach the Dask scheduler" in err.splitlines()[-1]
 

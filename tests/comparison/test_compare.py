@@ -14,7 +14,7 @@ from support import difference, exact_motions, moved, noisy_motions, random_cova
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
-from uq_handeye.methods.estimators.method import Estimate
+from uq_handeye.methods.method import Estimate
 from uq_handeye.model.poses.motions import spread_pairs
 from uq_handeye.report.comparison import compare as module
 from uq_handeye.report.comparison.compare import CHI2_95, Row, against, squared_distance

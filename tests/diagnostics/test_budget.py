@@ -10,10 +10,10 @@ from scipy import stats
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.core.formatting.numbers import fixed
+from uq_handeye.core.presentation.numbers import fixed
 from uq_handeye.fit.diagnostics.budget import Budget
-from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
-from uq_handeye.model.error_terms.keys import PRINCIPAL_POINT
+from uq_handeye.model.errors.key import ErrorKey, Kind, Owner
+from uq_handeye.model.errors.keys import PRINCIPAL_POINT
 
 
 @pytest.fixture(scope="module")

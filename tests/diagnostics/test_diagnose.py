@@ -19,11 +19,11 @@ from uq_handeye.fit.diagnostics import residual_patterns
 from uq_handeye.fit.diagnostics import sentences as diagnosis_words
 from uq_handeye.fit.diagnostics.diagnose import diagnose, scale_errors, shared_lengths
 from uq_handeye.fit.diagnostics.result import Diagnostics
-from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
-from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.fit.likelihood.own_residuals import own_residuals
-from uq_handeye.fit.likelihood.robust import robust_fit
-from uq_handeye.model.noise.square_roots import cholesky_of, whiten
+from uq_handeye.fit.graph.gauss_helmert import corrected, efficient, maximum_likelihood
+from uq_handeye.fit.graph.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.graph.own_residuals import own_residuals
+from uq_handeye.fit.graph.robust import robust_fit
+from uq_handeye.model.errors.square_roots import cholesky_of, whiten
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
@@ -162,7 +162,7 @@ def test_motions_without_poses_have_no_gripper(rng):
 
 
 def test_numbers_in_words():
-    from uq_handeye.core.formatting.numbers import digits, probability
+    from uq_handeye.core.presentation.numbers import digits, probability
 
     assert [digits(x, 2) for x in (170.3, 17.3, 1.73, 0.0, 1e-6)] == ["170", "17", "1.7", "0", "1.0e-06"]
     assert [digits(x) for x in (99.96, 1234.5, 0.01234)] == ["100", "1234", "0.0123"]
@@ -548,9 +548,9 @@ def test_exact_data_have_no_residuals_to_test():
 
 
 def test_robust_weights(rng):
-    from uq_handeye.fit.likelihood.constraint import constraint_of
-    from uq_handeye.fit.likelihood.gauss_helmert import fit
-    from uq_handeye.fit.likelihood.starts import start_of
+    from uq_handeye.fit.graph.constraint import constraint_of
+    from uq_handeye.fit.graph.gauss_helmert import fit
+    from uq_handeye.fit.graph.starts import start_of
 
     poses = uq.simulate(12, noise=NOISE, seed=rng)
     weights = np.ones(12)

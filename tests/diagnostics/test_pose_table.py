@@ -9,8 +9,8 @@ from support import SEED, moved, random_transforms
 
 import uq_handeye as uq
 from uq_handeye.fit.diagnostics.pose_table import PoseTable, pose_table
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.robust import FULL, pose_distances, robust_fit
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.fit.graph.robust import FULL, pose_distances, robust_fit
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

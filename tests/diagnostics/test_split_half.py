@@ -9,9 +9,9 @@ from support import SEED, assert_same_covariance, covers, difference, moved, ran
 
 import uq_handeye as uq
 from uq_handeye.fit.diagnostics.split_half import SplitHalf, _halves, split_fit
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.gauss_helmert import efficient, fit
+from uq_handeye.model.errors.joint_covariance import JointCovariance
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -180,7 +180,7 @@ def test_estimated_noise_passes_as_often_as_it_should():
     """About 95 of 100; far less often where the covariance is a half of what it is."""
     from scipy.special import fdtrc
 
-    from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof
+    from uq_handeye.fit.graph.goodness_of_fit import effective_dof
 
     noise = uq.PoseNoise.isotropic(robot=("0.1deg", "0.1mm"), camera=("0.1deg", "0.3mm"))
     n, trials = 10, 200

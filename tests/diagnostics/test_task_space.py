@@ -19,7 +19,7 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.fit.diagnostics.budget import budget, budget_of_sensitivities
 from uq_handeye.fit.diagnostics.task_space import Link, frames_of, through
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.graph.gauss_helmert import efficient
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.2mm"), camera=("1mrad", "0.5mm"))
@@ -200,7 +200,7 @@ def test_sources_by_monte_carlo(rng):
 
 
 def test_the_budget_of_4dpa(rng):
-    from uq_handeye.methods.propagation.all_pairs import AllPairs
+    from uq_handeye.methods.all_pairs import AllPairs
 
     poses = uq.simulate(8, noise=NOISE, seed=rng)
     noise = uq.PoseNoise(random_covariance(rng), random_covariance(rng))
@@ -258,9 +258,9 @@ def test_the_budget_of_a_point(rng, setup):
 
 def test_robust_weights(rng):
     """The budget sums to the covariance that the noise gives the weighted estimate."""
-    from uq_handeye.fit.likelihood.constraint import constraint_of
-    from uq_handeye.fit.likelihood.gauss_helmert import fit
-    from uq_handeye.fit.likelihood.starts import start_of
+    from uq_handeye.fit.graph.constraint import constraint_of
+    from uq_handeye.fit.graph.gauss_helmert import fit
+    from uq_handeye.fit.graph.starts import start_of
 
     poses = uq.simulate(9, noise=NOISE, seed=rng)
     at = constraint_of(poses, NOISE)

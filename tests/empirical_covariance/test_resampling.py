@@ -22,20 +22,20 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.fit.empirical_covariance import sandwich as by_influence
-from uq_handeye.fit.empirical_covariance.resampled import OfMethod, resampled
-from uq_handeye.fit.empirical_covariance.sandwich import influence_of, of_known
-from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.fit.likelihood.reference import Reference
-from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.fit.one_model.request import OF_RESIDUALS as KINDS
-from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
-from uq_handeye.methods.propagation.target_pose import mean_target
-from uq_handeye.model.error_terms.keys import TARGET_SCALE
-from uq_handeye.model.noise.pose_prior import PosePrior
+from uq_handeye.fit.diagnostics import sandwich as by_influence
+from uq_handeye.fit.diagnostics.resampled import OfMethod, resampled
+from uq_handeye.fit.diagnostics.sandwich import influence_of, of_known
+from uq_handeye.fit.graph.constraint import OnMotions, OnPoses
+from uq_handeye.fit.graph.gauss_helmert import efficient, fit
+from uq_handeye.fit.graph.reference import Reference
+from uq_handeye.fit.graph.request import OF_RESIDUALS as KINDS
+from uq_handeye.fit.graph.starts import start_of
+from uq_handeye.methods.all_pairs import solve_all_pairs
+from uq_handeye.methods.noise_transport import noise_of_pairs
+from uq_handeye.methods.registry import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.methods.target_pose import mean_target
+from uq_handeye.model.errors.keys import TARGET_SCALE
+from uq_handeye.model.errors.pose_prior import PosePrior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SMOOTH = [name for name, method in METHODS.items() if method.smooth]

@@ -18,7 +18,7 @@ from support import (
 )
 
 from uq_handeye.errors import DegenerateMotionError, MissingExtraError, NotConvergedError
-from uq_handeye.methods.estimators import heller
+from uq_handeye.methods import heller
 
 METHOD = heller.HELLER
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}

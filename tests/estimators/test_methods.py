@@ -18,10 +18,10 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.methods.estimators.moments import MomentSolver
-from uq_handeye.methods.estimators.quaternions import axis_signs, quaternions
-from uq_handeye.methods.estimators.quaternions import rotation_vectors as from_quaternions
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.methods.moments import MomentSolver
+from uq_handeye.methods.noise_transport import noise_of_pairs
+from uq_handeye.methods.quaternions import axis_signs, quaternions
+from uq_handeye.methods.quaternions import rotation_vectors as from_quaternions
 
 NAMES = [
     "tsai",
@@ -254,7 +254,7 @@ def test_gwak_minimises_the_error_metric(rng):
 
 
 def test_an_iteration_that_does_not_end_is_flagged(rng, monkeypatch):
-    from uq_handeye.methods.estimators import gwak
+    from uq_handeye.methods import gwak
 
     monkeypatch.setattr(gwak, "MAX_STEPS", 1)
     _, A, B = noisy_motions(rng, 6, 0.05, (3,))
@@ -353,7 +353,7 @@ def test_zhao_compares_pairs_that_share_a_pose_alone(rng, monkeypatch):
         motions = uq.relative_motions(poses, pairs)
         found = uq.propagate(motions, noise, method="zhao")
         with monkeypatch.context() as patch:
-            patch.setattr("uq_handeye.methods.propagation.noise_transport.Shared.twice", True)
+            patch.setattr("uq_handeye.methods.noise_transport.Shared.twice", True)
             assert_same_covariance(found, uq.propagate(motions, noise, method="zhao"), 1e-6)
     again = np.concatenate([uq.relative_motions(poses, "all").pairs, [[1, 0]]])
     assert np.isfinite(uq.propagate(uq.relative_motions(poses, again), noise, method="zhao")).all()

@@ -30,8 +30,8 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.core.geometry import packed3x3 as rows
 from uq_handeye.core.geometry.se3 import left_jacobian
-from uq_handeye.methods.estimators import nguyen_stages
-from uq_handeye.methods.estimators.nguyen import NguyenDerivatives, covariances_at, nguyen
+from uq_handeye.methods import nguyen_stages
+from uq_handeye.methods.nguyen import NguyenDerivatives, covariances_at, nguyen
 
 EQUATION_70 = uq.PairNoise(*support.EQUATION_70)
 

@@ -12,7 +12,7 @@ import pytest
 from support import SEED, difference, draw, exact_motions, is_consistent, moved, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.methods.noise_transport import noise_of_pairs
 
 pytestmark = pytest.mark.statistical
 

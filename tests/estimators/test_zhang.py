@@ -17,7 +17,7 @@ from support import (
 )
 
 from uq_handeye.errors import DegenerateMotionError, NotConvergedError
-from uq_handeye.methods.estimators import heller, zhang
+from uq_handeye.methods import heller, zhang
 
 METHOD = zhang.ZHANG
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}

@@ -20,8 +20,8 @@ from support import (
 )
 
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
-from uq_handeye.methods.estimators import zhao
-from uq_handeye.model.noise.models import PairNoise
+from uq_handeye.methods import zhao
+from uq_handeye.model.errors.models import PairNoise
 
 METHOD = zhao.METHOD
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}

@@ -8,7 +8,7 @@ import pytest
 from support import SEED
 
 from uq_handeye import InputError
-from uq_handeye.core.formatting.numbers import column, concise, fixed
+from uq_handeye.core.presentation.numbers import column, concise, fixed
 
 TABLE = [
     (12.3452, 0.0668, "12.345(67)"),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from support import holds_for
 
-from uq_handeye.core.formatting.units import ANGLE_UNITS, LENGTH_UNITS, parse_angle, parse_deviations, parse_length
+from uq_handeye.core.presentation.units import ANGLE_UNITS, LENGTH_UNITS, parse_angle, parse_deviations, parse_length
 from uq_handeye.errors import InputError
 
 # By hand, from the definitions of the units; not from the tables of the package.

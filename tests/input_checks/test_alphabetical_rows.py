@@ -5,7 +5,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step
-from uq_handeye.fit.input_checks.alphabetical_rows import alphabetical_rows
+from uq_handeye.fit.diagnostics.alphabetical_rows import alphabetical_rows
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

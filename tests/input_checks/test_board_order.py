@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.fit.input_checks.board_order import KINDS, RECTANGLE, SQUARE, reordered_views
+from uq_handeye.fit.diagnostics.board_order import KINDS, RECTANGLE, SQUARE, reordered_views
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.1deg", "0.5mm"))
 MIDDLE = np.array([0.075, 0.05, 0.0])

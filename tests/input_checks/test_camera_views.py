@@ -11,8 +11,8 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.core.geometry.frames import CAMERA_CONVENTIONS
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.fit.input_checks.camera_views import check_views
-from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.fit.diagnostics.camera_views import check_views
+from uq_handeye.methods.all_pairs import solve_all_pairs
 from uq_handeye.read.poses import in_convention
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

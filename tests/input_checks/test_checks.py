@@ -13,8 +13,8 @@ from support import difference, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step
-from uq_handeye.fit.input_checks.columns import check_poses
-from uq_handeye.fit.input_checks.residuals import check_fit
+from uq_handeye.fit.diagnostics.columns import check_poses
+from uq_handeye.fit.diagnostics.residuals import check_fit
 from uq_handeye.model.poses.residuals import residuals, rotation_angles, summarise
 from uq_handeye.read import pose_text
 

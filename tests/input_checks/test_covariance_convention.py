@@ -8,14 +8,14 @@ from support import draw, moved
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.conventions import CovarianceReading, same_class
-from uq_handeye.fit.input_checks.covariance_convention import (
+from uq_handeye.fit.diagnostics.covariance_convention import (
     CODE,
     convention_finding,
     is_isotropic,
     readings,
 )
-from uq_handeye.fit.likelihood.constraint import Unknowns
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.fit.graph.constraint import Unknowns
+from uq_handeye.model.errors.joint_covariance import JointCovariance
 
 K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
 CORNERS = np.stack([*(0.02 * np.indices((9, 6)).reshape(2, -1) - [[0.08], [0.05]]), np.zeros(54)], axis=-1)

@@ -9,8 +9,8 @@ from fixtures.rigs_on_arms import rig
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.fit.input_checks.misread_axes import misread_axes
-from uq_handeye.fit.input_checks.readings import in_words
+from uq_handeye.fit.diagnostics.misread_axes import misread_axes
+from uq_handeye.fit.diagnostics.readings import in_words
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.03deg", "0.1mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

@@ -12,8 +12,8 @@ import uq_handeye as uq
 from uq_handeye.calibration.findings import check_input
 from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.core.files.source import Source
-from uq_handeye.fit.input_checks.misread_files import other_readings
-from uq_handeye.fit.input_checks.residuals import check_fit
+from uq_handeye.fit.diagnostics.misread_files import other_readings
+from uq_handeye.fit.diagnostics.residuals import check_fit
 from uq_handeye.model.poses.residuals import pose_residuals
 from uq_handeye.read import write_pose_file
 
@@ -249,7 +249,7 @@ def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect
 
-    from uq_handeye.fit.input_checks import readings, sentences
+    from uq_handeye.fit.diagnostics import readings, sentences
 
     source = inspect.getsource(sentences) + inspect.getsource(readings)
     named = set(re.findall(r"(?<!\})\b(\w+)=\"", source)) - {

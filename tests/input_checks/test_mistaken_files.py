@@ -6,10 +6,10 @@ from fixtures.cells import MISTAKES, cell
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError
-from uq_handeye.fit.input_checks.camera_views import check_views
-from uq_handeye.fit.input_checks.lengths import check_lengths
-from uq_handeye.fit.input_checks.misread_axes import misread_axes
-from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.fit.diagnostics.camera_views import check_views
+from uq_handeye.fit.diagnostics.lengths import check_lengths
+from uq_handeye.fit.diagnostics.misread_axes import misread_axes
+from uq_handeye.methods.all_pairs import solve_all_pairs
 
 CELLS = 60
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.fit.input_checks.pose_ambiguity import CODE
+from uq_handeye.fit.diagnostics.pose_ambiguity import CODE
 from uq_handeye.model.camera.adjustment.two_minima import both_minima, flipped
 from uq_handeye.model.poses.residuals import rotation_angles
 

@@ -7,8 +7,8 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.fit.input_checks.columns import check_poses
-from uq_handeye.fit.input_checks.repeated_rows import SAME_NUMBER, repeated_rows
+from uq_handeye.fit.diagnostics.columns import check_poses
+from uq_handeye.fit.diagnostics.repeated_rows import SAME_NUMBER, repeated_rows
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = replace(uq.simulate(12, noise=NOISE, seed=2), timestamps=None)

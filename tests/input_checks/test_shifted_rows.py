@@ -13,10 +13,10 @@ from support import SEED, moved, random_transforms, transforms
 
 import uq_handeye as uq
 from uq_handeye.core.files.source import Source
-from uq_handeye.fit.input_checks import shifted_rows
-from uq_handeye.fit.input_checks.shifted_rows import Shift, _refined, _viterbi, find_shift
-from uq_handeye.fit.likelihood.consensus import consensus
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.diagnostics import shifted_rows
+from uq_handeye.fit.diagnostics.shifted_rows import Shift, _refined, _viterbi, find_shift
+from uq_handeye.fit.graph.consensus import consensus
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.read import read_poses
 

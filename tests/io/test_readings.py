@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.calibration.checks import failures_in_words
 from uq_handeye.calibration.report.first_screen import next_step, step_after
-from uq_handeye.calibration.statement.checks import failures_in_words
 from uq_handeye.formats.contents import Reading, Side
 from uq_handeye.read import pose_text
 from uq_handeye.read.readings import chosen_readings, reading_of_robot

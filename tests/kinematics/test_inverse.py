@@ -5,12 +5,12 @@ import pytest
 from fixtures.arm_sessions import chain, drawn_errors
 from fixtures.arms import random_chain
 
-from uq_handeye.core.numbers.rounding import HALF_DIGITS
-from uq_handeye.model.kinematics.arms.elbow import elbow_moved
-from uq_handeye.model.kinematics.arms.newton import postures_at
+from uq_handeye.core.rounding import HALF_DIGITS
 from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.elbow import elbow_moved
 from uq_handeye.model.kinematics.forward import spread_postures
 from uq_handeye.model.kinematics.kinematic_errors import KinematicErrors
+from uq_handeye.model.kinematics.newton import postures_at
 
 
 def spread(arm, n):

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.model.kinematics.arms.known_arms import known_arm
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.joint_readings import is_fanuc, may_be_coupled, uncoupled
+from uq_handeye.model.kinematics.known_arms import known_arm
 from uq_handeye.read import read_poses, write_pose_file
 
 CRX, UR = Kinematics.from_name("crx10ia"), Kinematics.from_name("ur5e")

@@ -8,11 +8,11 @@ import pytest
 from fixtures.arms import random_chain
 
 from uq_handeye.errors import InputError
-from uq_handeye.model.kinematics.arms.known_arms import arm_names, known_arm
-from uq_handeye.model.kinematics.arms.postures import postures_by_branch
-from uq_handeye.model.kinematics.arms.stack import ROLL, SAGS, ArmStack
-from uq_handeye.model.kinematics.arms.work_postures import WorkPostures
 from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.known_arms import arm_names, known_arm
+from uq_handeye.model.kinematics.postures import postures_by_branch
+from uq_handeye.model.kinematics.stack import ROLL, SAGS, ArmStack
+from uq_handeye.model.kinematics.work_postures import WorkPostures
 
 
 def test_names_are_found_however_they_are_written():

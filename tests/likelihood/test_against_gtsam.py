@@ -25,7 +25,7 @@ from fixtures.gtsam_graphs import (
 from support import SEED, exact_poses, moved, whitened_eigenvalues
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import maximum_likelihood
+from uq_handeye.fit.graph.gauss_helmert import maximum_likelihood
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 

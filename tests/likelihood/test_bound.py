@@ -14,7 +14,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import bound, maximum_likelihood
+from uq_handeye.fit.graph.gauss_helmert import bound, maximum_likelihood
 
 # ----------------------------------------------------------------------------------------------------- bound
 

@@ -23,7 +23,7 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import NEAR_HALF_TURN, logarithm
-from uq_handeye.fit.likelihood.constraint import (
+from uq_handeye.fit.graph.constraint import (
     OnMotions,
     OnPoses,
     Unknowns,

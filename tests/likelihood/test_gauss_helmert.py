@@ -6,8 +6,8 @@ from fixtures.likelihood_problems import KINDS, as_joint, distance, problem, ref
 from support import assert_same_covariance, difference, draw, exact_poses, moved, nees, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.constraint import constraint_of, covariances_of
-from uq_handeye.fit.likelihood.gauss_helmert import (
+from uq_handeye.fit.graph.constraint import constraint_of, covariances_of
+from uq_handeye.fit.graph.gauss_helmert import (
     CLOSED_FORM_STEPS,
     MAX_ML_STEPS,
     bound,
@@ -16,8 +16,8 @@ from uq_handeye.fit.likelihood.gauss_helmert import (
     inverse_information,
     maximum_likelihood,
 )
-from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.model.noise.square_roots import gram, weighted, whiten
+from uq_handeye.fit.graph.starts import start_of
+from uq_handeye.model.errors.square_roots import gram, weighted, whiten
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ from support import SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import block, skew
-from uq_handeye.fit.likelihood.consensus import consensus
-from uq_handeye.fit.likelihood.constraint import constraint_of
+from uq_handeye.fit.graph.consensus import consensus
+from uq_handeye.fit.graph.constraint import constraint_of
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import MAX_ML_STEPS, Fit, bound, efficient, maximum_likelihood
+from uq_handeye.fit.graph.gauss_helmert import MAX_ML_STEPS, Fit, bound, efficient, maximum_likelihood
 
 # ---------------------------------------------------------------------------------------------------- limits
 

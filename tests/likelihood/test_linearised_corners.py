@@ -9,7 +9,7 @@ from support import assert_same_covariance, difference, moved
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, adjusted_at_once, poses_of, recorded
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.adjustment.bundle import poses_only
 from uq_handeye.model.camera.adjustment.linearised import linearised, with_pictures
 from uq_handeye.model.camera.calibrate import calibrate_camera

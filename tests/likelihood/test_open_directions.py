@@ -10,8 +10,8 @@ from scipy import stats
 from support import SEED, difference, moved, rotation_vectors, rotations, transforms
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, maximum_likelihood
-from uq_handeye.fit.likelihood.open_directions import rig_units
+from uq_handeye.fit.graph.gauss_helmert import efficient, maximum_likelihood
+from uq_handeye.fit.graph.open_directions import rig_units
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 

@@ -6,10 +6,10 @@ from scipy import stats
 from support import SEED, difference, mean_interval, moved, random_covariance, random_transforms, rotations, transforms
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood import gauss_helmert as likelihood
-from uq_handeye.fit.likelihood.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
-from uq_handeye.fit.likelihood.robust import FULL, NO_WEIGHT, consensus, pose_distances, robust_fit, robust_weights
-from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.fit.graph import gauss_helmert as likelihood
+from uq_handeye.fit.graph.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
+from uq_handeye.fit.graph.robust import FULL, NO_WEIGHT, consensus, pose_distances, robust_fit, robust_weights
+from uq_handeye.fit.graph.starts import start_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.fit.empirical_covariance.resampled import resampled
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.fit.likelihood.own_residuals import own_residuals
-from uq_handeye.fit.likelihood.shared_estimates import _to_unit, estimates_of, posterior_of_fit
-from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
+from uq_handeye.fit.diagnostics.resampled import resampled
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.gauss_helmert import efficient, fit
+from uq_handeye.fit.graph.own_residuals import own_residuals
+from uq_handeye.fit.graph.shared_estimates import _to_unit, estimates_of, posterior_of_fit
+from uq_handeye.fit.graph.starts import start_of
+from uq_handeye.model.errors.square_roots import cholesky_of, gram, whiten
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

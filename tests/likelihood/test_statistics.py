@@ -15,9 +15,9 @@ import support
 from support import SEED, covers, difference, draw, exact_motions, exact_poses, is_consistent, moved, nees
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient, fit, maximum_likelihood
-from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient, fit, maximum_likelihood
+from uq_handeye.fit.graph.starts import start_of
 
 pytestmark = pytest.mark.statistical
 

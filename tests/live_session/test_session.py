@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.tolerance import Tolerance
+from uq_handeye.calibration.tolerance import Tolerance
 from uq_handeye.read import write_pose_file
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.json_lines import Lines, pair_of

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.tolerance import Tolerance
+from uq_handeye.calibration.tolerance import Tolerance
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.json_lines import Lines

@@ -13,9 +13,9 @@ import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
 from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.fit.graph.rows import PredictiveReference
 from uq_handeye.model.camera.corners import without_pictures
-from uq_handeye.model.error_terms.keys import DRIFTS
-from uq_handeye.model.posterior.rows import PredictiveReference
+from uq_handeye.model.errors.keys import DRIFTS
 from uq_handeye.read import write_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.maintenance.causes import candidates_of_poses, columns_of_causes, compare_candidates

@@ -12,12 +12,12 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError, SingularNoiseError
 from uq_handeye.fit.diagnostics.budget import budget
 from uq_handeye.fit.diagnostics.diagnose import diagnose
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
-from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.fit.likelihood.robust import pose_distances
-from uq_handeye.model.noise.joint_covariance import JointCovariance
-from uq_handeye.model.noise.models import noise_from_dict, noise_to_dict
-from uq_handeye.model.noise.square_roots import cholesky_of, inverse_blocks, marginals, pulled, weighted, whiten
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient, maximum_likelihood
+from uq_handeye.fit.graph.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.graph.robust import pose_distances
+from uq_handeye.model.errors.joint_covariance import JointCovariance
+from uq_handeye.model.errors.models import noise_from_dict, noise_to_dict
+from uq_handeye.model.errors.square_roots import cholesky_of, inverse_blocks, marginals, pulled, weighted, whiten
 from uq_handeye.trials.simulation.rig import disturbed
 
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2

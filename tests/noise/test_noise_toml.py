@@ -7,8 +7,8 @@ from support import random_covariance
 import uq_handeye as uq
 from uq_handeye.core.geometry.conventions import CovarianceReading
 from uq_handeye.errors import InputError
-from uq_handeye.model.noise.models import PairNoise, PoseNoise
-from uq_handeye.model.noise.noise_toml import read_stated_noise
+from uq_handeye.model.errors.models import PairNoise, PoseNoise
+from uq_handeye.model.errors.noise_toml import read_stated_noise
 from uq_handeye.read import read_noise_file
 
 UNIT = np.eye(6).tolist()

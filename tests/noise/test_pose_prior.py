@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from support import difference, moved, random_covariance, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.model.noise.models import noise_from_dict, noise_to_dict
+from uq_handeye.model.errors.models import noise_from_dict, noise_to_dict
 
 KNOWN_Z = np.diag([np.inf] * 5 + [1e-6])
 

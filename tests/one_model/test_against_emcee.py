@@ -6,12 +6,12 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.one_model.sampled import chain_of, density_of
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.one_model.engine import LatentModel
-from uq_handeye.fit.one_model.integration import integrate
-from uq_handeye.fit.one_model.mode import find_mode
-from uq_handeye.model.error_terms.sizes import Size
-from uq_handeye.model.error_terms.term import Component
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.engine import LatentModel
+from uq_handeye.fit.graph.integration import integrate
+from uq_handeye.fit.graph.mode import find_mode
+from uq_handeye.model.errors.sizes import Size
+from uq_handeye.model.errors.term import Component
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 UNIT = np.repeat([1e-3, 5e-4], 3)  # rad, m

@@ -9,19 +9,19 @@ from support import CONFIDENCE, SEED, assert_same_covariance, covers, is_consist
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.reference import Reference
-from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.fit.one_model import engine
-from uq_handeye.fit.one_model.engine import Conditional, LatentModel, State
-from uq_handeye.fit.one_model.estimation import JointModel
-from uq_handeye.fit.one_model.integration import design, integrate
-from uq_handeye.fit.one_model.mode import Mode, find_mode, other_modes
-from uq_handeye.model.error_terms.keys import ROBOT_ACCURACY, TARGET_SCALE
-from uq_handeye.model.error_terms.sizes import Size
-from uq_handeye.model.error_terms.term import Component
-from uq_handeye.model.noise.estimate import NoisePrior
+from uq_handeye.fit.graph import engine
+from uq_handeye.fit.graph.constraint import constraint_of
+from uq_handeye.fit.graph.engine import Conditional, LatentModel, State
+from uq_handeye.fit.graph.estimation import JointModel
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.fit.graph.integration import design, integrate
+from uq_handeye.fit.graph.mode import Mode, find_mode, other_modes
+from uq_handeye.fit.graph.reference import Reference
+from uq_handeye.fit.graph.starts import start_of
+from uq_handeye.model.errors.keys import ROBOT_ACCURACY, TARGET_SCALE
+from uq_handeye.model.errors.noise_estimate import NoisePrior
+from uq_handeye.model.errors.sizes import Size
+from uq_handeye.model.errors.term import Component
 from uq_handeye.model.shared_errors.shared_error import SharedError
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

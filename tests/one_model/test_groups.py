@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from uq_handeye.fit.one_model.engine import LatentModel, Rows
-from uq_handeye.model.error_terms.sizes import Size
-from uq_handeye.model.error_terms.term import Component
+from uq_handeye.fit.graph.engine import LatentModel, Rows
+from uq_handeye.model.errors.sizes import Size
+from uq_handeye.model.errors.term import Component
 
 RNG = np.random.default_rng(4)
 P, M = 12, 3

@@ -10,10 +10,10 @@ from fixtures.rigs import quietly
 from scipy import stats
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof, goodness_of_fit
-from uq_handeye.fit.one_model.noise_of_data import estimate_noise
-from uq_handeye.model.noise.estimate import NoiseEstimate, NoisePrior
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient
+from uq_handeye.fit.graph.goodness_of_fit import effective_dof, goodness_of_fit
+from uq_handeye.fit.graph.noise_of_data import estimate_noise
+from uq_handeye.model.errors.noise_estimate import NoiseEstimate, NoisePrior
 
 SIDES = ("robot", "camera")
 WEAK_ROBOT = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from uq_handeye.model.kinematics.arms.known_arms import known_arm
 from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.known_arms import known_arm
 from uq_handeye.model.shared_errors import population
 from uq_handeye.model.shared_errors.population import (
     ARMS,

@@ -8,7 +8,7 @@ from fixtures.arm_sessions import session
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError
-from uq_handeye.model.kinematics.arms.newton import postures_at
+from uq_handeye.model.kinematics.newton import postures_at
 from uq_handeye.use.planning.after_each import limit_of, next_pose, words_after, words_without
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

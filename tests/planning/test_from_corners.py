@@ -8,8 +8,8 @@ from support import assert_same_covariance
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.model.noise.models import marginals
+from uq_handeye.fit.graph.gauss_helmert import efficient
+from uq_handeye.model.errors.models import marginals
 from uq_handeye.use.planning.plan import plan
 
 pytestmark = pytest.mark.filterwarnings("ignore:The target would sit")

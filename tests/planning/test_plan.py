@@ -34,10 +34,10 @@ from uq_handeye import (
     read_poses,
     simulate,
 )
-from uq_handeye.calibration.statement.tolerance import Tolerance, probability_within
-from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.model.noise.models import marginals
-from uq_handeye.model.posterior.selection import after, covariance_of, exchanged, greedy, value
+from uq_handeye.calibration.tolerance import Tolerance, probability_within
+from uq_handeye.fit.graph.gauss_helmert import bound, efficient
+from uq_handeye.fit.graph.selection import after, covariance_of, exchanged, greedy, value
+from uq_handeye.model.errors.models import marginals
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 from uq_handeye.read import read_pose_file
 from uq_handeye.trials.simulation.rig import RIGS

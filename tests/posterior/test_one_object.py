@@ -7,7 +7,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.fit.diagnostics.budget import parts_of_posterior
-from uq_handeye.model.error_terms.keys import SIZES_OPEN
+from uq_handeye.model.errors.keys import SIZES_OPEN
 from uq_handeye.report.budget import worst_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -9,9 +9,9 @@ from scipy.linalg import block_diag
 from scipy.stats import kstest
 
 import uq_handeye as uq
-from uq_handeye.model.error_terms.keys import ROBOT_ACCURACY, ROBOT_ROTATION, TARGET_SCALE, VIEW
-from uq_handeye.model.posterior.posterior import FreshNoise, Posterior, SizePoints
-from uq_handeye.model.posterior.rows import NewRows
+from uq_handeye.fit.graph.posterior import FreshNoise, Posterior, SizePoints
+from uq_handeye.fit.graph.rows import NewRows
+from uq_handeye.model.errors.keys import ROBOT_ACCURACY, ROBOT_ROTATION, TARGET_SCALE, VIEW
 
 D, Q, M, K = 6, 3, 4, 6
 N = 12 + Q

@@ -22,8 +22,8 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.checks import CHUNK
-from uq_handeye.methods.procrustes import limit as procrustes
-from uq_handeye.methods.procrustes import scaled as finite_scale
+from uq_handeye.methods import limit as procrustes
+from uq_handeye.methods import scaled as finite_scale
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from support import difference, jacobian, moved, random_covariance, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.methods.propagation.all_pairs import AllPairs
+from uq_handeye.methods.all_pairs import AllPairs
 from uq_handeye.model.poses.motions import pair_indices, spread_pairs
 
 

@@ -19,10 +19,10 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.methods.estimators import zhao
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
-from uq_handeye.methods.propagation.propagate import propagate_and_check
-from uq_handeye.methods.propagation.validity import MAX_BEND_SD, MAX_PRECISE_SHARE, bend
+from uq_handeye.methods import zhao
+from uq_handeye.methods.noise_transport import noise_of_pairs
+from uq_handeye.methods.propagate import propagate_and_check
+from uq_handeye.methods.validity import MAX_BEND_SD, MAX_PRECISE_SHARE, bend
 
 # Variances (rotation in rad^2, translation in m^2).
 ISOTROPIC = np.full(6, 1e-6)

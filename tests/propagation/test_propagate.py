@@ -28,7 +28,7 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.checks import CHUNK
-from uq_handeye.methods.procrustes.scaled import solve_scaled
+from uq_handeye.methods.scaled import solve_scaled
 
 # (scale, relative tolerance): rounding of `solve` at finite d is eps d in the translation, and at d = 1e4 the
 # step of 1e-3 divides it; at d = 1e3 the remapping to SE(3) leaves terms of the order of 1/d^2.

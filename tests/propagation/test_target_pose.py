@@ -13,8 +13,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
-from uq_handeye.methods.propagation.target_pose import mean_target
+from uq_handeye.methods.noise_transport import noise_of_pairs
+from uq_handeye.methods.target_pose import mean_target
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.2mm"), camera=("1mrad", "0.5mm"))
 ON_POSES = [*uq.ROBOT_WORLD_METHODS]

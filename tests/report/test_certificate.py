@@ -14,11 +14,11 @@ from support import SEED, missing
 
 import uq_handeye as uq
 from uq_handeye.core.files.about import ABOUT
-from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.pose_numbers import pose_numbers
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.core.numbers.limits import MAX_LISTED
+from uq_handeye.core.limits import MAX_LISTED
 from uq_handeye.core.presentation import page as pdf
+from uq_handeye.core.presentation.numbers import digits
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
 from uq_handeye.report.budget import budget_rows, components_of, correlation_of, worst_of

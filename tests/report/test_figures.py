@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from support import SEED, moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.analysis import StoredAnalysis
+from uq_handeye.calibration.analysis import StoredAnalysis
 from uq_handeye.calibration.report.figures import budget_figure, shared_figure, task_space_figure
 from uq_handeye.calibration.report.points_ahead import ahead
 from uq_handeye.calibration.report.residual_figure import residual_figure
@@ -25,9 +25,9 @@ from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.core.presentation.figure_parts import FIGURE_WIDTH_IN, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
-from uq_handeye.fit.likelihood.shared_groups import grouped
-from uq_handeye.model.error_terms.estimate import ErrorEstimate, resolved_share
-from uq_handeye.model.error_terms.key import ErrorKey, Kind, Owner
+from uq_handeye.fit.graph.shared_groups import grouped
+from uq_handeye.model.errors.error_estimate import ErrorEstimate, resolved_share
+from uq_handeye.model.errors.key import ErrorKey, Kind, Owner
 from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures

@@ -21,8 +21,8 @@ from fixtures.reports import Page
 from support import SEED, missing
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.parts import Provenance
-from uq_handeye.calibration.statement.tolerance import Tolerance, Verdict
+from uq_handeye.calibration.parts import Provenance
+from uq_handeye.calibration.tolerance import Tolerance, Verdict
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import page as pdf
@@ -419,10 +419,10 @@ def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
         "calibration.calibrate.calibrate",
         "report.comparison.compare.calibrate",
         "report.comparison.compare.compare",
-        "calibration.estimate.analysis.diagnose",
-        "calibration.estimate.analysis.resampled",
-        "calibration.estimate.analysis.split_fit",
-        "calibration.estimate.analysis.budget",
+        "calibration.analysis.diagnose",
+        "calibration.analysis.resampled",
+        "calibration.analysis.split_fit",
+        "calibration.analysis.budget",
     ):
         monkeypatch.setattr(f"uq_handeye.{name}", computes)
     of.report(tmp_path / "given.html", comparison=given)

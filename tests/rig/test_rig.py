@@ -12,13 +12,13 @@ import uq_handeye as uq
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.calibration.evidence.new_views import others_of
 from uq_handeye.core.geometry.se3 import logarithm, perturb
+from uq_handeye.fit.graph.constraint import Unknowns, constraint_of
+from uq_handeye.fit.graph.engine import LatentModel
 from uq_handeye.fit.graph.fit import fit
 from uq_handeye.fit.graph.graph import Graph
 from uq_handeye.fit.graph.noise import RigNoise, given_noise
 from uq_handeye.fit.graph.sizes import components_of, model_of
 from uq_handeye.fit.graph.start import start_of
-from uq_handeye.fit.likelihood.constraint import Unknowns, constraint_of
-from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.model.shared_errors.view import median_distance, target_centre, view_block
 from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 

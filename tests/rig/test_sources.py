@@ -16,7 +16,7 @@ from uq_handeye.calibration.prediction.noise_of_views import new_noise
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 from uq_handeye.fit.graph.graph import Graph
 from uq_handeye.model.camera.corners_file import corners_text
-from uq_handeye.model.error_terms.key import Kind
+from uq_handeye.model.errors.key import Kind
 from uq_handeye.read import write_pose_file
 from uq_handeye.read.rig.rig_file import read_rig
 

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from support import difference
 
 import uq_handeye as uq
-from uq_handeye.core.numbers.limits import MAX_MESSAGE_BYTES
+from uq_handeye.core.limits import MAX_MESSAGE_BYTES
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.read.rosbag.decompression import DamagedError
 from uq_handeye.read.rosbag.listing import command_of, text_of

@@ -12,8 +12,8 @@ from concurrent.futures import BrokenExecutor
 import pytest
 
 from uq_handeye import InputError, MissingExtraError
-from uq_handeye.core.runtime import executors
-from uq_handeye.core.runtime.executors import LocalProcesses, connect_to_dask
+from uq_handeye.core import executors
+from uq_handeye.core.executors import LocalProcesses, connect_to_dask
 
 
 @pytest.mark.slow

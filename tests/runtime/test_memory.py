@@ -3,7 +3,7 @@
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.core.runtime import memory
+from uq_handeye.core import memory
 
 
 def test_free_memory_is_below_the_limit_of_the_control_group(tmp_path, monkeypatch):

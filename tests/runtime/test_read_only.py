@@ -7,10 +7,10 @@ from fixtures.pictures import simulated_rig
 from support import writable
 
 import uq_handeye as uq
-from uq_handeye.core.runtime.read_only import read_only
+from uq_handeye.core.read_only import read_only
+from uq_handeye.fit.diagnostics.shifted_rows import find_shift
 from uq_handeye.fit.diagnostics.split_half import split_fit
-from uq_handeye.fit.input_checks.shifted_rows import find_shift
-from uq_handeye.fit.likelihood.robust import robust_fit
+from uq_handeye.fit.graph.robust import robust_fit
 
 
 @pytest.fixture(scope="module")

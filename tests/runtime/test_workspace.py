@@ -6,7 +6,7 @@ import numpy as np
 from support import noisy_motions, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.core.runtime.scratch import MAX_KEPT_NUMBERS, scratch
+from uq_handeye.core.scratch import MAX_KEPT_NUMBERS, scratch
 
 
 def test_kept_and_not_kept():

@@ -11,9 +11,9 @@ import uq_handeye as uq
 from uq_handeye.calibration import by_scene
 from uq_handeye.core.geometry.se3 import difference, inverse, perturb
 from uq_handeye.findings import Finding
-from uq_handeye.fit.input_checks.row_order import angle_disagreement, find_order
-from uq_handeye.fit.likelihood.screws import scale_by_screws
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.fit.diagnostics.row_order import angle_disagreement, find_order
+from uq_handeye.fit.graph.screws import scale_by_screws
+from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.model.poses.scene_facts import SceneFacts, SceneView
 from uq_handeye.scene import colmap
 from uq_handeye.scene.colmap import Model

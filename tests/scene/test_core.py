@@ -8,7 +8,7 @@ from fixtures.scene_tracks import TRUE_LENS, X_TRUE, simulated
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import difference, inverse, perturb
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.scene.adjust import adjust, joint_covariance, reduce, weights_of
 from uq_handeye.scene.lens import Lens
 from uq_handeye.scene.poses import as_poses, similarity, without_lens

@@ -14,7 +14,7 @@ import uq_handeye as uq
 from studies.camera_covariance import PIXEL, ROBOT, board, error, poses_of, recorded
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.errors import InputError
-from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.model.camera.intrinsics_file import KnownIntrinsics
 from uq_handeye.model.shared_errors.assumed import default_errors
 from uq_handeye.model.shared_errors.camera_noise import _derivatives, lens_of

@@ -9,7 +9,8 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
-from uq_handeye.model.error_terms.keys import (
+from uq_handeye.model.errors.joint_covariance import JointCovariance
+from uq_handeye.model.errors.keys import (
     FOCAL_LENGTH,
     LENS,
     OUTLINE,
@@ -19,8 +20,7 @@ from uq_handeye.model.error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
-from uq_handeye.model.error_terms.sizes import SIZES
-from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.errors.sizes import SIZES
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.model.shared_errors.assumed import (
     assumed_outline,

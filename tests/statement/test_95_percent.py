@@ -9,7 +9,7 @@ from fixtures.rigs import NOISE, quietly
 from scipy import stats
 
 import uq_handeye as uq
-from uq_handeye.core.numbers.quantiles import normal_points, radius_holding
+from uq_handeye.core.quantiles import normal_points, radius_holding
 
 POSES = uq.simulate(20, noise=NOISE, seed=5)
 CASES = {

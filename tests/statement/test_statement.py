@@ -7,7 +7,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye import findings as all_findings
-from uq_handeye.calibration.statement.checks import failures_in_words
+from uq_handeye.calibration.checks import failures_in_words
 from uq_handeye.findings import CHECKS
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -5,8 +5,8 @@ import pytest
 from scipy.special import chdtr, fdtr
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.tolerance import Tolerance, probability_within
-from uq_handeye.fit.likelihood.reference import Reference
+from uq_handeye.calibration.tolerance import Tolerance, probability_within
+from uq_handeye.fit.graph.reference import Reference
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -5,7 +5,7 @@ import pytest
 from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.accuracy import limit_of
+from uq_handeye.calibration.accuracy import limit_of
 
 
 @pytest.fixture(scope="module")

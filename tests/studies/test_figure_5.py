@@ -17,8 +17,8 @@ from studies.figure_5 import rig
 from studies.figure_5.figures import RADIUS, ellipse
 from studies.figure_5.findings import findings
 from studies.figure_5.rig import BOARD, METHOD_OF, METHODS, judged, problem, problem_2, rows, sample
-from uq_handeye.methods.procrustes.paper_covariances import PAPER_SCALE
-from uq_handeye.methods.procrustes.scaled import so4_from_se3
+from uq_handeye.methods.paper_covariances import PAPER_SCALE
+from uq_handeye.methods.scaled import so4_from_se3
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.validation.cross_check.rows import formulas
 

@@ -7,7 +7,7 @@ import pytest
 import uq_handeye as uq
 from studies.common.scores import errors
 from studies.simulation_based_calibration import BINS, CASES, band, figures, findings, problem, ranks, told, verdicts
-from uq_handeye.fit.likelihood.constraint import covariances_of
+from uq_handeye.fit.graph.constraint import covariances_of
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference, is_consistent, mean_interval, moved, nees
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, offset_sensitivity
+from uq_handeye.fit.graph.gauss_helmert import efficient, offset_sensitivity
 
 pytestmark = pytest.mark.statistical
 

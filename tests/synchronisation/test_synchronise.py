@@ -14,9 +14,9 @@ from support import SEED, assert_same_covariance, difference, random_transforms,
 
 import uq_handeye as uq
 from uq_handeye import DegenerateMotionError, InputError, InputWarning, PosePairs, Stream
-from uq_handeye.fit.likelihood.gauss_helmert import efficient, inverse_information, offset_sensitivity
-from uq_handeye.model.error_terms.keys import CLOCK_OFFSET
-from uq_handeye.model.noise.square_roots import whiten
+from uq_handeye.fit.graph.gauss_helmert import efficient, inverse_information, offset_sensitivity
+from uq_handeye.model.errors.keys import CLOCK_OFFSET
+from uq_handeye.model.errors.square_roots import whiten
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.read.synchronisation.interpolation import interpolate
 from uq_handeye.read.synchronisation.refinement import honest

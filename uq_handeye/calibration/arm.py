@@ -10,14 +10,14 @@ import numpy as np
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
-from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.one_model.request import Request, of_motions
-from ..model.error_terms.key import Kind
+from ..fit.graph.gauss_helmert import ESTIMATORS
+from ..fit.graph.request import Request, of_motions
+from ..model.errors.key import Kind
+from ..model.errors.models import Noise, PoseNoise
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..model.kinematics.by_poses import joints_by_poses
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicColumns, KinematicErrors, effects_of_errors, poses_with_errors
-from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance
 from ..model.shared_errors.shared_error import SharedError
@@ -39,7 +39,7 @@ class Arm(NamedTuple):
 
     def other_branches(self) -> list[Arm]:
         """Return the arm in the other branches of its inverse kinematics that reach the poses."""
-        from ..model.kinematics.arms.postures import all_branches
+        from ..model.kinematics.postures import all_branches
 
         found = all_branches(self.kinematics, self.measured.robot) if self.by_poses else []
         apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > MIN_BRANCH_DIFFERENCE]

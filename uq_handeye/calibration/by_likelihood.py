@@ -9,45 +9,47 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.geometry.se3 import Array, difference
-from ..core.numbers.levels import DOUBTFUL, UNUSUAL
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
-from ..core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
-from ..core.runtime.read_only import read_only
+from ..core.levels import DOUBTFUL, UNUSUAL
+from ..core.limits import MIN_POSES_FOR_ROBUST
+from ..core.read_only import read_only
+from ..core.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
+from ..fit.diagnostics.lengths import check_place
 from ..fit.diagnostics.pose_table import pose_table
-from ..fit.empirical_covariance.resampled import resampled
-from ..fit.input_checks.lengths import check_place
-from ..fit.input_checks.residuals import check_fit, check_motions, misread
-from ..fit.input_checks.rotations import require_signal
-from ..fit.likelihood.constraint import Constraint, Unknowns
-from ..fit.likelihood.gauss_helmert import (
+from ..fit.diagnostics.resampled import resampled
+from ..fit.diagnostics.residuals import check_fit, check_motions, misread
+from ..fit.diagnostics.rotations import require_signal
+from ..fit.graph.constraint import Constraint, Unknowns
+from ..fit.graph.estimation import FoundSizes, JointModel
+from ..fit.graph.gauss_helmert import (
     FITS,
     Fit,
     corrected,
     offset_sensitivity,
     open_at,
 )
-from ..fit.likelihood.goodness_of_fit import goodness_of_fit
-from ..fit.likelihood.own_residuals import walks
-from ..fit.likelihood.robust import RobustFit, fit_robustly
-from ..fit.likelihood.shared_estimates import (
+from ..fit.graph.goodness_of_fit import goodness_of_fit
+from ..fit.graph.mode import ROUGH_GAIN
+from ..fit.graph.noise_report import noise_estimate_of
+from ..fit.graph.own_residuals import walks
+from ..fit.graph.points import OpenSizes, with_open_sizes
+from ..fit.graph.posterior import Posterior
+from ..fit.graph.request import of_motions
+from ..fit.graph.robust import RobustFit, fit_robustly
+from ..fit.graph.shared_estimates import (
     estimates_of,
     motion_in_session,
     of_moves,
     posterior_of_fit,
     without_shared_errors,
 )
-from ..fit.likelihood.starts import leaves_open, start_open
-from ..fit.one_model.estimation import FoundSizes, JointModel
-from ..fit.one_model.mode import ROUGH_GAIN
-from ..fit.one_model.noise_report import noise_estimate_of
-from ..fit.one_model.points import OpenSizes, with_open_sizes
-from ..fit.one_model.request import of_motions
-from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
-from ..methods.propagation.published_fit import Published, fit_published
-from ..model.error_terms.key import ErrorKey, Kind
-from ..model.error_terms.keys import (
+from ..fit.graph.starts import leaves_open, start_open
+from ..fit.graph.weighing import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
+from ..methods.published_fit import Published, fit_published
+from ..model.errors.camera_noise import CameraNoise
+from ..model.errors.key import ErrorKey, Kind
+from ..model.errors.keys import (
     BY_VIEW,
     CAMERA_SCALE,
     CLOCK_OFFSET,
@@ -63,28 +65,26 @@ from ..model.error_terms.keys import (
     VIEW,
     WALKS,
 )
+from ..model.errors.models import Noise, PoseNoise, is_of_each, with_prior
+from ..model.errors.square_roots import Covariance
 from ..model.kinematics.kinematic_errors import ACCURATE
-from ..model.noise.camera_noise import CameraNoise
-from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
-from ..model.noise.square_roots import Covariance
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import residuals, summarise
 from ..model.poses.timing import TimeOffset
-from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.in_noise import shared_columns, with_shared, without_shared
 from ..model.shared_errors.shared_error import WRONG_SIZE
 from ..model.shared_errors.walk import assumed_walk
+from .analysis import Analysis, FittedKinematics
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
 from .camera_of_result import given_by_robot, is_negligible, moved_intrinsics
 from .closed_forms import closed_forms
 from .contradictions import against_corners, against_data_sheet, against_prior, shared_findings
-from .estimate.analysis import Analysis, FittedKinematics
-from .estimate.parts import FourDPA
 from .findings import GIVEN, MAX_REJECTED_SHARE, said_open, wrong_poses
 from .job import Job
 from .moves import moves
+from .parts import FourDPA
 from .prediction.workspace import local_findings
 from .result import Calibration
 
@@ -450,7 +450,8 @@ def _assembled(
     findings += moved_intrinsics(seen_by, noise, joint)
     if seen_by is not None and not any(one.code == GIVEN for one in seen_by.findings):
         findings += given_by_robot(seen_by, fit)
-    findings += local_findings(result)
+    if result.kinematics is not None:
+        findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate, judged)
         if len(data) < MIN_POSES_FOR_ROBUST:

@@ -10,21 +10,21 @@ import numpy as np
 from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding
-from ..fit.empirical_covariance.resampled import Resampled, resampled
-from ..fit.input_checks.residuals import check_fit, check_motions
-from ..fit.input_checks.rotations import require_signal
-from ..fit.likelihood.gauss_helmert import Fit, efficient
-from ..fit.likelihood.goodness_of_fit import components_of, effective_dof
-from ..fit.likelihood.reference import Reference
-from ..fit.one_model.noise_of_data import estimate_noise
-from ..methods.estimators.registry import ROBOT_WORLD_METHODS
-from ..methods.propagation.published_fit import Published, fit_published
-from ..model.noise.estimate import NoiseEstimate
-from ..model.noise.models import Noise, PoseNoise
+from ..fit.diagnostics.resampled import Resampled, resampled
+from ..fit.diagnostics.residuals import check_fit, check_motions
+from ..fit.diagnostics.rotations import require_signal
+from ..fit.graph.gauss_helmert import Fit, efficient
+from ..fit.graph.goodness_of_fit import components_of, effective_dof
+from ..fit.graph.noise_of_data import estimate_noise
+from ..fit.graph.reference import Reference
+from ..methods.published_fit import Published, fit_published
+from ..methods.registry import ROBOT_WORLD_METHODS
+from ..model.errors.models import Noise, PoseNoise
+from ..model.errors.noise_estimate import NoiseEstimate
 from ..model.poses.residuals import Residuals, residuals, rotation_angles, summarise
 from ..model.poses.timing import left_out_of
-from .estimate.parts import Errors, Origin, Quality, Solution
 from .job import Job
+from .parts import Errors, Origin, Quality, Solution
 from .result import Calibration
 
 # Beyond this angle of X (rad) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.

@@ -16,14 +16,14 @@ import numpy as np
 
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
-from ..core.numbers.levels import RARE
+from ..core.levels import RARE
 from ..errors import DegenerateMotionError
 from ..findings import Finding
-from ..fit.input_checks.agreement import agreement
-from ..fit.likelihood.open_directions import OpenDirections
-from ..fit.likelihood.reference import Reference
-from ..fit.likelihood.starts import MEDIAN_SQUARE
-from ..fit.one_model.request import Request
+from ..fit.diagnostics.agreement import agreement
+from ..fit.graph.open_directions import OpenDirections
+from ..fit.graph.reference import Reference
+from ..fit.graph.request import Request
+from ..fit.graph.starts import MEDIAN_SQUARE
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import residuals, summarise
 from .by_published import bare_result

@@ -23,15 +23,15 @@ from numpy.typing import ArrayLike
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MAX_TABLE_BYTES
-from ..core.runtime.threads import one_thread
+from ..core.limits import MAX_TABLE_BYTES
+from ..core.threads import one_thread
 from ..errors import InputError, InputWarning, NotConvergedError, require_one_of
 from ..findings import Finding
-from ..fit.input_checks.row_order import DISAGREEMENT, angle_disagreement, find_order
-from ..fit.likelihood.screws import scale_by_screws
+from ..fit.diagnostics.row_order import DISAGREEMENT, angle_disagreement, find_order
+from ..fit.graph.screws import scale_by_screws
 from ..model.camera.picture_files import picture_paths
-from ..model.noise.joint_covariance import JointCovariance, joint_of
-from ..model.noise.models import PoseNoise, marginals
+from ..model.errors.joint_covariance import JointCovariance, joint_of
+from ..model.errors.models import PoseNoise, marginals
 from ..model.poses.pose_pairs import PosePairs, frozen_poses
 from ..model.poses.scene_facts import SceneFacts
 from ..model.rig.description import require_left_out

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.files.records import plain
-from ..core.runtime.threads import one_thread
+from ..core.threads import one_thread
 from ..errors import (
     DegenerateMotionError,
     InputError,
@@ -26,15 +26,15 @@ from ..errors import (
     require_known,
 )
 from ..findings import Finding, renumbered, warn, without_consequences
-from ..fit.input_checks.repeated_rows import counted_once
-from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.likelihood.scale_start import start_scale
-from ..fit.likelihood.screws import scale_by_screws
-from ..fit.one_model.request import Request, documented
+from ..fit.diagnostics.repeated_rows import counted_once
+from ..fit.graph.gauss_helmert import ESTIMATORS
+from ..fit.graph.request import Request, documented
+from ..fit.graph.scale_start import start_scale
+from ..fit.graph.screws import scale_by_screws
 from ..model.camera.adjustment.linearised import with_pictures
-from ..model.error_terms.keys import CAMERA_SCALE
-from ..model.error_terms.sizes import Size
-from ..model.noise.models import PoseNoise
+from ..model.errors.keys import CAMERA_SCALE
+from ..model.errors.models import PoseNoise
+from ..model.errors.sizes import Size
 from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
@@ -42,12 +42,11 @@ from ..model.poses.pose_pairs import PosePairs, pairs_of
 from ..model.rig.description import Rig, require_left_out
 from ..model.rig.noise_by_name import NoiseByName
 from ..model.rig.single import is_single, single_of
+from .analysis import Analysis
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .by_rotation import by_rotation, without_positions
 from .camera_of_result import corners_at_estimate
-from .estimate.analysis import Analysis
-from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
 from .findings import (
     flipped_poses,
@@ -62,6 +61,7 @@ from .findings import (
 )
 from .job import Job, job_of
 from .pair_findings import findings_of_pairs
+from .parts import Provenance, provenance
 from .result import Calibration
 from .split_fit import SplitFit, split_fit, split_of_poses
 
@@ -117,7 +117,7 @@ def calibrate(
         Input that cannot be used.
     DegenerateMotionError
         The motions determine nothing of X; or, with a published method, not all of it: their rotations do not exceed
-        their noise (`require_signal` in `input_checks.checks`), or leave its rotation uncertain by more than 20
+        their noise (`require_signal` in `diagnostics.checks`), or leave its rotation uncertain by more than 20
         degrees, where a first-order covariance is meaningless: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.

@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
-from ..core.runtime.memory import FEWER_POSES, require_memory
-from ..core.runtime.threads import one_thread
+from ..core.memory import FEWER_POSES, require_memory
+from ..core.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..findings import Finding
 from ..fit.diagnostics.optimality import Optimality, better_start, prove
 from ..fit.diagnostics.paths import judged_paths, named_error
 from ..fit.diagnostics.prior_check import prior_findings
-from ..fit.empirical_covariance.sandwich import Influence
+from ..fit.diagnostics.sandwich import Influence
+from ..fit.graph.constraint import MIN_RESOLVED_SHARE
+from ..fit.graph.declared import declared_of, request_to_dict
 from ..fit.graph.fit import RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
 from ..fit.graph.noise import RigNoise, given_key, given_noise
+from ..fit.graph.posterior import FreshNoise, Posterior
+from ..fit.graph.reference import Reference
+from ..fit.graph.request import Request
 from ..fit.graph.sizes import SHARED, Found, components_of, find_sizes, width_of_targets
 from ..fit.graph.start import agreeing, start_of
 from ..fit.graph.weights import Distances, distances, fit_robustly
-from ..fit.likelihood.constraint import MIN_RESOLVED_SHARE
-from ..fit.likelihood.reference import Reference
-from ..fit.one_model.declared import declared_of, request_to_dict
-from ..fit.one_model.request import Request
-from ..model.error_terms.key import Kind
-from ..model.posterior.posterior import FreshNoise, Posterior
+from ..model.errors.key import Kind
 from ..model.rig.description import Rig
 from ..model.rig.noise_by_name import NoiseByName, plain_noise
 from ..model.rig.tied import require_tied
@@ -289,7 +289,7 @@ def _of_priors(task: Task, found: RigFit) -> list[Finding]:
 def of_residuals(task: Task, found: RigFit, kind: str) -> tuple[Array, Reference]:
     """Return the covariance (p, p) of all poses from the residuals of the groups, and the distribution of its errors.
 
-    As with one camera (`fit.empirical_covariance.sandwich`), with groups of views that share robot poses in place of
+    As with one camera (`fit.diagnostics.sandwich`), with groups of views that share robot poses in place of
     poses; what the priors of known poses and of shared errors add is that of the model.
     """
     graph = found.graph

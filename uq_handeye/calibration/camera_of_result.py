@@ -21,24 +21,24 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from ..core.formatting.numbers import short
 from ..core.geometry.se3 import Array, difference
-from ..core.numbers.rounding import SOLUTION_ROUNDING
+from ..core.presentation.numbers import short
+from ..core.rounding import SOLUTION_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, Severity
-from ..fit.likelihood.gauss_helmert import Fit, corrected
+from ..fit.graph.gauss_helmert import Fit, corrected
+from ..fit.graph.posterior import Posterior
 from ..model.camera.adjustment.bundle import Sight, poses_only
 from ..model.camera.adjustment.linearised import linearised
 from ..model.camera.calibrated import Calibrated
 from ..model.camera.given_intrinsics import CAUTION_SD, GivenTest, finding_of, given_test
 from ..model.camera.result import CameraCalibration
-from ..model.error_terms.keys import INTRINSICS
-from ..model.noise.joint_covariance import joint_of
-from ..model.noise.models import Noise
+from ..model.errors.joint_covariance import joint_of
+from ..model.errors.keys import INTRINSICS
+from ..model.errors.models import Noise
 from ..model.poses.pose_pairs import PosePairs
-from ..model.posterior.posterior import Posterior
-from .estimate.analysis import Analysis
-from .estimate.estimated import Estimated
+from .analysis import Analysis
+from .estimated import Estimated
 
 # Corners are linearised again where that moves the camera poses by more than this, in standard deviations of X: what
 # intrinsics do is common to all poses, and moves X by up to ten times as much.

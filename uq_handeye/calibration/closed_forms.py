@@ -7,13 +7,13 @@ from contextlib import suppress
 import numpy as np
 
 from ..core.geometry.se3 import Array, difference
-from ..core.numbers.levels import UNUSUAL
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
-from ..core.numbers.rounding import TINY
+from ..core.levels import UNUSUAL
+from ..core.limits import MIN_POSES_FOR_ROBUST
+from ..core.rounding import TINY
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..fit.diagnostics.pose_table import PoseTable
-from ..methods.estimators.registry import solve
+from ..methods.registry import solve
 from ..model.poses.motions import relative_motions, spread_pairs
 from ..model.poses.residuals import median, pose_residuals
 from .job import Job

@@ -10,18 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtr
 
-from ..core.numbers.levels import CONTRADICTED, DOUBTFUL, RARE
+from ..core.levels import CONTRADICTED, DOUBTFUL, RARE
 from ..findings import GROSS_EXCESS, Finding, Severity
 from ..fit.diagnostics.prior_check import MIN_SHARE_FROM_DATA, prior_findings
-from ..fit.likelihood.gauss_helmert import Fit
-from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
-from ..fit.likelihood.shared_estimates import group_test
+from ..fit.graph.gauss_helmert import Fit
+from ..fit.graph.goodness_of_fit import GoodnessOfFit
+from ..fit.graph.posterior import Posterior
+from ..fit.graph.shared_estimates import group_test
 from ..model.camera.description import spacing_of
-from ..model.error_terms.estimate import ErrorEstimate
-from ..model.error_terms.key import ErrorKey
-from ..model.error_terms.keys import TARGET_SCALE
-from ..model.noise.estimate import NoiseEstimate
-from ..model.posterior.posterior import Posterior
+from ..model.errors.error_estimate import ErrorEstimate
+from ..model.errors.key import ErrorKey
+from ..model.errors.keys import TARGET_SCALE
+from ..model.errors.noise_estimate import NoiseEstimate
 from ..model.shared_errors.shared_error import WRONG_SIZE
 from .job import Job
 from .result import Calibration

@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 
 from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.se3 import inverse, logarithm
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ..core.limits import MIN_POSES_FOR_ROBUST
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding, without_consequences
+from ..fit.diagnostics.alphabetical_rows import alphabetical_rows
+from ..fit.diagnostics.board_order import reordered_views
+from ..fit.diagnostics.columns import check_poses
+from ..fit.diagnostics.covariance_convention import convention_finding, is_isotropic
+from ..fit.diagnostics.pose_ambiguity import CODE as POSE_AMBIGUITY
+from ..fit.diagnostics.pose_ambiguity import flipped_rows
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
-from ..fit.input_checks.alphabetical_rows import alphabetical_rows
-from ..fit.input_checks.board_order import reordered_views
-from ..fit.input_checks.columns import check_poses
-from ..fit.input_checks.covariance_convention import convention_finding, is_isotropic
-from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
-from ..fit.input_checks.pose_ambiguity import flipped_rows
-from ..fit.input_checks.residuals import check_fit
-from ..fit.input_checks.rotations import check_rotations
-from ..fit.input_checks.shifted_rows import exchanged_rows, find_shift, shifted_run
-from ..fit.likelihood.constraint import Unknowns
-from ..fit.likelihood.open_directions import MAX_ROTATION_SD_RAD, OpenDirections
-from ..fit.likelihood.robust import robust_fit
-from ..fit.one_model.request import Request, of_motions
-from ..methods.propagation.published_fit import fit_published
-from ..model.error_terms.keys import CAMERA_SCALE
-from ..model.noise.models import Noise, PoseNoise
+from ..fit.diagnostics.residuals import check_fit
+from ..fit.diagnostics.rotations import check_rotations
+from ..fit.diagnostics.shifted_rows import exchanged_rows, find_shift, shifted_run
+from ..fit.graph.constraint import Unknowns
+from ..fit.graph.open_directions import MAX_ROTATION_SD_RAD, OpenDirections
+from ..fit.graph.request import Request, of_motions
+from ..fit.graph.robust import robust_fit
+from ..methods.published_fit import fit_published
+from ..model.errors.keys import CAMERA_SCALE
+from ..model.errors.models import Noise, PoseNoise
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import rotation_angles

@@ -11,24 +11,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
-from ..core.runtime.memory import FEWER_POSES, require_memory
+from ..core.limits import MIN_POSES_FOR_ROBUST
+from ..core.memory import FEWER_POSES, require_memory
 from ..errors import InputError, among, require_type
-from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
-from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.one_model.request import Request, of_motions
-from ..methods.estimators.registry import ROBOT_WORLD_METHODS
-from ..methods.propagation.all_pairs import AllPairs
-from ..model.error_terms.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
-from ..model.error_terms.sizes import checked_sizes
+from ..fit.graph.constraint import Constraint, constraint_of, require_noise_fits
+from ..fit.graph.gauss_helmert import ESTIMATORS
+from ..fit.graph.request import Request, of_motions
+from ..methods.all_pairs import AllPairs
+from ..methods.registry import ROBOT_WORLD_METHODS
+from ..model.errors.camera_noise import CameraNoise
+from ..model.errors.joint_covariance import JointCovariance
+from ..model.errors.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
+from ..model.errors.models import Noise, PoseNoise, require_count, with_prior
+from ..model.errors.pose_prior import PosePrior
+from ..model.errors.sizes import checked_sizes
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     KinematicColumns,
 )
-from ..model.noise.camera_noise import CameraNoise
-from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import Noise, PoseNoise, require_count, with_prior
-from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import replace_defaults

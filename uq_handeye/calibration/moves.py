@@ -1,6 +1,6 @@
 """Search for what did not stand still: a step in time of the camera or the target of poses side by side.
 
-X and W are tested for a step (`likelihood.steps_in_time`) with the noise and the weights of the fit. Where one is no
+X and W are tested for a step (`graph.steps_in_time`) with the noise and the weights of the fit. Where one is no
 chance, or poses in a row are rejected, the poses are taken as a rig of one view (`rig.single`), whose paths say what
 moved, from which pose on, and whether a step explains the residuals (`fit.diagnostics.paths`).
 """
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from ..core.geometry.se3 import Array
 from ..errors import DegenerateMotionError, NotConvergedError, SingularNoiseError
 from ..findings import Finding
-from ..fit.likelihood.gauss_helmert import Fit
-from ..fit.likelihood.steps_in_time import FALSE_FINDING, MIN_RUN, steps_of
-from ..fit.one_model.request import Request
-from ..model.error_terms import keys
-from ..model.error_terms.estimate import ErrorEstimate
-from ..model.error_terms.key import ErrorKey
-from ..model.error_terms.sizes import SIZES
-from ..model.noise.joint_covariance import joint_form
-from ..model.noise.models import PoseNoise
+from ..fit.graph.gauss_helmert import Fit
+from ..fit.graph.request import Request
+from ..fit.graph.steps_in_time import FALSE_FINDING, MIN_RUN, steps_of
+from ..model.errors import keys
+from ..model.errors.error_estimate import ErrorEstimate
+from ..model.errors.joint_covariance import joint_form
+from ..model.errors.key import ErrorKey
+from ..model.errors.models import PoseNoise
+from ..model.errors.sizes import SIZES
 from ..model.poses.pose_pairs import PosePairs
 
 if TYPE_CHECKING:

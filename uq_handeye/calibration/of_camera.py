@@ -23,28 +23,28 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError
 from ..fit.graph.graph import Graph
 from ..fit.graph.noise import RigNoise
+from ..fit.graph.open_directions import OpenDirections
+from ..fit.graph.posterior import FreshNoise, Posterior
 from ..fit.graph.sizes import NUMBERS
-from ..fit.likelihood.open_directions import OpenDirections
-from ..model.error_terms.estimate import ErrorEstimate, resolved_share
-from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.keys import LENS, TARGET_SCALE
-from ..model.error_terms.term import ErrorTerm
+from ..model.errors.error_estimate import ErrorEstimate, resolved_share
+from ..model.errors.joint_covariance import JointCovariance
+from ..model.errors.key import ErrorKey, Kind, Owner
+from ..model.errors.keys import LENS, TARGET_SCALE
+from ..model.errors.models import PoseNoise
+from ..model.errors.term import ErrorTerm
 from ..model.kinematics.errors import GROUPS
-from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import PoseNoise
 from ..model.poses.motions import relative_motions
 from ..model.poses.pose_data import sha256_of
 from ..model.poses.residuals import residuals, summarise
-from ..model.posterior.posterior import FreshNoise, Posterior
 from ..model.rig.description import WORLD, Rig
 from ..model.rig.selection import some_of
 from ..model.rig.single import single_of
 from ..model.shared_errors.view import LENS_SHARES, median_distance
-from .estimate.analysis import FittedKinematics
-from .estimate.parts import Provenance
-from .estimate.rig_poses import RigPoses, relative_pose
+from .analysis import FittedKinematics
+from .parts import Provenance
 from .prediction.noise_of_views import new_noise, parts_of, posterior_of
 from .result import Calibration
+from .rig_poses import RigPoses, relative_pose
 
 # Errors of an arm that its kinematics hold with their sizes.
 _OF_ARM = (*GROUPS, Kind.JOINT_NOISE)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.geometry.se3 import Array, inverse, inverse_jacobian
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.read_only import ReadOnlyArrays
 from ..formats.snippets import Open, with_open
 from ..model.poses.estimated_pose import EstimatedPose
 

@@ -17,23 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES, MIN_POSES_FOR_ROBUST
+from ..core.limits import MIN_POSES, MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..findings import INPUT, Finding, without_consequences
+from ..fit.diagnostics.columns import check_poses
+from ..fit.diagnostics.misread_files import INVERSE
+from ..fit.diagnostics.pose_ambiguity import flipped_rows
+from ..fit.diagnostics.residuals import check_fit, misread
+from ..fit.graph.constraint import Unknowns
+from ..fit.graph.request import Request
 from ..fit.graph.sizes import ALL_TARGETS
-from ..fit.input_checks.columns import check_poses
-from ..fit.input_checks.misread_files import INVERSE
-from ..fit.input_checks.pose_ambiguity import flipped_rows
-from ..fit.input_checks.residuals import check_fit, misread
-from ..fit.likelihood.constraint import Unknowns
-from ..fit.one_model.request import Request
-from ..model.error_terms.key import ErrorKey, Kind
+from ..model.errors.key import ErrorKey, Kind
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.poses.residuals import pose_residuals
 from ..model.rig.description import WORLD, Rig, View
-from .estimate.rig_poses import RigPoses
 from .findings import MAX_REJECTED_SHARE, SUSPICIOUS, look_at, misplaced_rows, reasons
 from .job import job_of
+from .rig_poses import RigPoses
 
 # Outliers are named by the weights of the rig; where a target is seen, a rig has no option for another convention.
 _LEFT_OUT = ("input_checks.outliers", "input_checks.target_unseen", "input_checks.steadier_reading")

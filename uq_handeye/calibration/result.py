@@ -13,17 +13,18 @@ from numpy.typing import ArrayLike
 
 from ..core.files.json_files import parsed
 from ..core.files.json_values import JsonObject
-from ..core.formatting.numbers import digits
 from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.html import html_of
+from ..core.presentation.numbers import digits
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
-from ..fit.one_model.points import OpenSizes
-from ..model.noise.models import PoseNoise
+from ..fit.graph.points import OpenSizes
+from ..model.errors.models import PoseNoise
 from ..model.poses.pose_data import data_to_dict
+from .accuracy import Statement
+from .analysis import FittedKinematics, joint_sides
 from .camera_of_result import intrinsics_words
-from .estimate.analysis import FittedKinematics, joint_sides
-from .estimate.estimated import distance_of
+from .estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.task import TaskErrors, predict_task
@@ -31,7 +32,6 @@ from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.figure_names import figure_names
 from .result_file import AS_DATA, AS_NOISE, DERIVED, bound_to_data, columns_of, from_dict
-from .statement.accuracy import Statement
 from .stored_result import OF_CAMERA, StoredResult, head_of, is_of_rig
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from ..report.page import CrossCheck, Methods
     from .rig_result import RigCalibration
-    from .statement.tolerance import Verdict
+    from .tolerance import Verdict
 
 
 @dataclass(frozen=True, eq=False, init=False)

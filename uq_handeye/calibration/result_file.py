@@ -14,21 +14,21 @@ from ..core.files.tree_values import is_map
 from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..fit.likelihood.constraint import require_noise_fits
-from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.one_model.points import OpenSizes
-from ..fit.one_model.request import COVARIANCES
-from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..model.error_terms.key import ErrorKey
-from ..model.noise.models import noise_from_dict
+from ..fit.graph.constraint import require_noise_fits
+from ..fit.graph.gauss_helmert import ESTIMATORS
+from ..fit.graph.points import OpenSizes
+from ..fit.graph.posterior import Posterior
+from ..fit.graph.request import COVARIANCES
+from ..methods.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.errors.key import ErrorKey
+from ..model.errors.models import noise_from_dict
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_data import data_from_dict
 from ..model.poses.pose_pairs import PosePairs
-from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.by_poses import ColumnsByPoses
-from .estimate.analysis import StoredAnalysis
-from .estimate.parts import PARTS
-from .statement.accuracy import Statement
+from .accuracy import Statement
+from .analysis import StoredAnalysis
+from .parts import PARTS
 from .stored_result import OF_CAMERA, read_result
 
 C = TypeVar("C", bound=Statement)

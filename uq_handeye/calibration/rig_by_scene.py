@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.files.open import StrPath, shown
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array, inverse
-from ..core.runtime.threads import one_thread
+from ..core.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of
 from ..findings import Finding, warn
-from ..fit.input_checks.row_order import DISAGREEMENT, angle_disagreement
-from ..fit.likelihood.screws import scale_by_screws
+from ..fit.diagnostics.row_order import DISAGREEMENT, angle_disagreement
+from ..fit.graph.screws import scale_by_screws
 from ..model.camera.picture_files import picture_paths
 from ..model.rig.description import WORLD, ArmPoses, Rig, View
 from ..scene import colmap

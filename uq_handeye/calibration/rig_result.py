@@ -21,9 +21,9 @@ from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_SD_M, Transform, with_open
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.rig.description import WORLD
-from .estimate.rig_poses import RigPoses
 from .prediction.points_of_cameras import RigPoints, predict_points
 from .report import rig_sections as rig_sections  # registers the text of a rig
+from .rig_poses import RigPoses
 from .rig_result_file import from_dict, to_dict
 from .stored_result import StoredResult
 

@@ -16,11 +16,11 @@ from ..core.files.json_values import Json, JsonObject
 from ..core.files.records import attributes, parts_of, plain
 from ..core.geometry.se3 import Array
 from ..errors import InputError
+from ..model.errors.pose_prior import PosePrior
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
-from ..model.noise.pose_prior import PosePrior
 from ..model.rig.description import ArmPoses, Rig, View
-from .estimate.rig_poses import RigPoses
+from .rig_poses import RigPoses
 from .stored_result import OF_RIG, head_of, read_result
 
 C = TypeVar("C", bound=RigPoses)

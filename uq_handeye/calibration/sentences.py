@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
+from ..core.presentation.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, Values, sentence
 from ..fit.diagnostics.sentences import along
 from ..model.poses.pose_numbers import ranges
-from .estimate.estimated import open_words
+from .estimated import open_words
 
 # Open directions of a robot that only translates turn X by less than this (rad per m).
 MAX_TURN_OF_A_GANTRY = 0.05

@@ -11,15 +11,15 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..fit.diagnostics.paths import pose_change, sizes_of_move
-from ..model.noise.joint_covariance import joint_form
-from ..model.noise.models import PoseNoise
+from ..model.errors.joint_covariance import joint_form
+from ..model.errors.models import PoseNoise
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_pairs import PosePairs
 from ..model.rig.description import WORLD, Rig, later_name
 from ..model.rig.noise_by_name import NoiseByName
 from ..model.rig.single import rig_of_poses
 from ..model.rig.split import split_rig
-from .estimate.rig_poses import RigPoses
+from .rig_poses import RigPoses
 
 
 class SplitFit(NamedTuple):

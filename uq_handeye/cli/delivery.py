@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.files.about import read_about
-from ..core.numbers.limits import MIN_SHOWN_CORRELATION
-from ..core.runtime.progress import working
+from ..core.limits import MIN_SHOWN_CORRELATION
+from ..core.progress import working
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from .exit_status import ExitStatus
 from .messages import LOG, command_line, fail, progress_wanted, quiet, terminal_width, timed, verbose
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ..calibration.result import Calibration
     from ..calibration.rig_result import RigCalibration
-    from ..calibration.statement.tolerance import Tolerance, Verdict
+    from ..calibration.tolerance import Tolerance, Verdict
     from ..core.presentation.document import Document
     from ..fit.diagnostics.pose_table import PoseTable
     from ..model.camera.result import CameraCalibration
@@ -45,7 +45,7 @@ def tolerance_of(tolerance: str | None = None, at: str | None = None) -> "Tolera
         if at is not None:
             raise InputError("--at needs a tolerance. Add, for example, --tolerance 1mm.")
         return None
-    from ..calibration.statement.tolerance import Tolerance
+    from ..calibration.tolerance import Tolerance
 
     return Tolerance.read(tolerance, at)
 
@@ -98,8 +98,8 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
-    from ..calibration.statement.accuracy import NOT_USABLE as HEADLINE
-    from ..calibration.statement.checks import failures_in_words
+    from ..calibration.accuracy import NOT_USABLE as HEADLINE
+    from ..calibration.checks import failures_in_words
     from ..core.files.json_files import json_text
     from ..core.presentation.document import Answer, Paragraph
     from ..findings import step_after

@@ -28,8 +28,8 @@ from .views import Views, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..model.error_terms.sizes import Size
-    from ..model.noise.models import Noise
+    from ..model.errors.models import Noise
+    from ..model.errors.sizes import Size
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
 
@@ -181,7 +181,7 @@ def problem_for(
     pairs: str,
 ) -> dict[str, Any]:
     """Return the arguments ``data`` and ``noise`` of a computation from X: of the calibration, or else as read."""
-    from ..model.noise.models import PairNoise
+    from ..model.errors.models import PairNoise
     from ..model.poses.motions import relative_motions
     from ..model.shared_errors.in_noise import shared_columns, with_shared
 
@@ -263,7 +263,7 @@ class Estimation(NamedTuple):
 
 def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     """Return the sizes of --size by name."""
-    from ..model.error_terms.sizes import parse_size
+    from ..model.errors.sizes import parse_size
 
     with naming_option("--size"):
         found = dict(parsed := [parse_size(text) for text in texts])

@@ -13,9 +13,9 @@ from .values import by_names, naming_option
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading
-    from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import Noise, PoseNoise
-    from ..model.noise.stated_noise import StatedNoise
+    from ..model.errors.models import Noise, PoseNoise
+    from ..model.errors.noise_estimate import NoisePrior
+    from ..model.errors.stated_noise import StatedNoise
     from ..model.poses.pose_pairs import PosePairs
 
 BOTH_EXACT = "Robot and camera cannot both be exact. Give the standard deviations of one, or neither option."
@@ -63,9 +63,9 @@ class NoiseOptions:
 
     def read(self) -> "tuple[Noise | StatedNoise | None, NoisePrior | None]":
         """Return the noise of the options, or a prior if they name one side only."""
-        from ..model.noise.estimate import NoisePrior
-        from ..model.noise.models import PoseNoise
-        from ..model.noise.noise_toml import read_stated_noise
+        from ..model.errors.models import PoseNoise
+        from ..model.errors.noise_estimate import NoisePrior
+        from ..model.errors.noise_toml import read_stated_noise
 
         if self.noise is not None:
             noise = read_stated_noise(self.noise, self.reading)
@@ -103,13 +103,13 @@ class Given(NamedTuple):
     @property
     def is_stated(self) -> bool:
         """True if the noise has a covariance in a convention that depends on the poses."""
-        from ..model.noise.stated_noise import StatedNoise
+        from ..model.errors.stated_noise import StatedNoise
 
         return isinstance(self.noise, StatedNoise)
 
     def noise_at(self, poses: "PosePairs") -> "Noise | None":
         """Return the noise of these poses."""
-        from ..model.noise.stated_noise import StatedNoise
+        from ..model.errors.stated_noise import StatedNoise
 
         return self.noise.at(poses) if isinstance(self.noise, StatedNoise) else self.noise
 
@@ -143,7 +143,7 @@ def noise_of_rig(
 
 def without_poses(noise: "Noise | StatedNoise | None", command: str) -> "Noise | None":
     """Return the noise; raise `InputError` if it is stated in a convention that needs the poses."""
-    from ..model.noise.stated_noise import StatedNoise
+    from ..model.errors.stated_noise import StatedNoise
 
     if isinstance(noise, StatedNoise):
         raise InputError(
@@ -162,7 +162,7 @@ def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":
 
 def exact_other_side(known: "NoisePrior") -> "PoseNoise":
     """Return the noise with the side that is not given taken as exact."""
-    from ..model.noise.models import PoseNoise
+    from ..model.errors.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
     if not any(value > 0 for value in known.values.tolist()):
@@ -182,7 +182,7 @@ def prior_of(
       --camera-prior ROT,TRANS: Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.
       --prior-factor FACTOR: Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.
     """
-    from ..model.noise.estimate import NoisePrior
+    from ..model.errors.noise_estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None
@@ -201,7 +201,7 @@ def noise_of(given: Annotated["Given", given_of], prior: Annotated["NoisePrior |
 
 def _deviations(value: str, name: str) -> tuple[float, float]:
     """Return the standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
-    from ..core.formatting.units import parse_deviations
+    from ..core.presentation.units import parse_deviations
 
     rotation, comma, translation = value.partition(",")
     if not comma or "," in translation:

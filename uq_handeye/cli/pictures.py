@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.files.lines import floats
-from ..core.runtime.progress import working
+from ..core.progress import working
 from ..errors import InputError
 from .boards import BoardOptions
 from .messages import LOG, progress_wanted, timed
@@ -152,7 +152,7 @@ class Pictures:
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
         from dataclasses import replace
 
-        from ..fit.input_checks.board_rotation import resolve_board_rotation
+        from ..fit.diagnostics.board_rotation import resolve_board_rotation
         from ..model.camera.board import find_corners, source_of
         from ..model.camera.picture_files import picture_paths
         from ..model.camera.report.text import model_name
@@ -222,7 +222,7 @@ def known_of_scene(
         return None
     from ..model.camera.intrinsics_file import read_intrinsics
     from ..model.camera.picture_region import for_pictures
-    from ..model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.errors.keys import FOCAL_LENGTH, PRINCIPAL_POINT
     from ..model.shared_errors.shared_error import DEFAULT_SD
 
     file, exact = split_exact(text)
@@ -280,7 +280,7 @@ def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
     from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.models import LINEAR, MODELS
-    from ..model.error_terms.keys import FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.errors.keys import FOCAL_LENGTH, PRINCIPAL_POINT
     from ..model.shared_errors.shared_error import DEFAULT_SD
 
     if missing := [name for name in LINEAR if name not in camera.values]:

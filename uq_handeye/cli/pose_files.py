@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.files.lines import floats
-from ..core.numbers.limits import MIN_POSES
+from ..core.limits import MIN_POSES
 from ..errors import InputError, InputWarning
 from .arm import Arm
 from .messages import LOG, command_line, timed
@@ -18,7 +18,7 @@ from .values import one_of
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading
-    from ..model.noise.models import Noise
+    from ..model.errors.models import Noise
     from ..model.poses.pose_numbers import Selection
     from ..model.poses.pose_pairs import PosePairs
     from ..model.poses.stream import Stream
@@ -239,7 +239,7 @@ class PoseFiles(StreamFiles):
             return poses, noise, shared
         from ..calibration.calibrate import calibrate
         from ..findings import warn
-        from ..model.noise.models import PoseNoise
+        from ..model.errors.models import PoseNoise
         from ..model.shared_errors.assumed import replace_defaults
         from ..model.shared_errors.in_noise import settled_errors, without_shared
 
@@ -304,7 +304,7 @@ class PoseFiles(StreamFiles):
         else:
             poses, noise = files._poses_and_noise(given, pictures, arm, sensors)
             if poses.camera_calibration is not None:
-                from ..fit.input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
+                from ..fit.diagnostics.pose_ambiguity import CODE, resolve_pose_ambiguity
 
                 poses = resolve_pose_ambiguity(poses)
                 seen_by = poses.camera_calibration
@@ -400,7 +400,7 @@ class PoseFiles(StreamFiles):
 
     def _synchronised_poses(self, noise: "Noise | None", sensors: "Sensors") -> "tuple[PosePairs, Noise | None]":
         """Return interpolated poses with their noise, which is less than that of the samples."""
-        from ..core.formatting.numbers import concise
+        from ..core.presentation.numbers import concise
 
         if self.offset is None:
             single = sensors.taken_one_by_one(SETUP_NAMES[0] if self.setup is None else self.setup)

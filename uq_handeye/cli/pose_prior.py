@@ -27,7 +27,7 @@ class PosePriors(NamedTuple):
 
     def options(self) -> dict[str, Any]:
         """Return the priors of X and W as arguments of `calibrate`."""
-        from ..model.noise.known_values import parse_known_values as known_values
+        from ..model.errors.known_values import parse_known_values as known_values
         from ..read import read_prior
 
         found: dict[str, Any] = dict(known_values(*self.known)) if self.known else {}
@@ -41,7 +41,7 @@ class PosePriors(NamedTuple):
 
     def of_rig(self, rig: "Rig") -> "Rig":
         """Return a rig with these priors of its cameras and targets by name; one of all only where there is one."""
-        from ..model.noise.known_values import parse_known_values as known_values
+        from ..model.errors.known_values import parse_known_values as known_values
         from ..read import read_prior
 
         found: dict[str, Any] = {}

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ..core.runtime.progress import working
+from ..core.progress import working
 from ..errors import InputError, NotConvergedError
 from .delivery import deliver, deliver_answer, emit_refusal, status_of
 from .messages import LOG, given_options, progress_wanted, quiet, timed, verbose, withheld
@@ -21,9 +21,9 @@ from .values import by_names, coordinates, one_of
 
 if TYPE_CHECKING:
     from ..calibration.rig_result import RigCalibration
-    from ..calibration.statement.tolerance import Tolerance
+    from ..calibration.tolerance import Tolerance
     from ..core.files.json_values import JsonObject
-    from ..model.noise.models import Noise
+    from ..model.errors.models import Noise
     from ..model.rig.description import Rig
     from ..model.rig.noise_by_name import NoiseOfOne
     from .delivery import Outputs, ReportOptions

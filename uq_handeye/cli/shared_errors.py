@@ -10,7 +10,7 @@ from .names import ACCURACY_CLASSES
 from .values import by_names, naming_option, one_of
 
 if TYPE_CHECKING:
-    from ..model.noise.models import Noise
+    from ..model.errors.models import Noise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.rig.description import Rig
     from ..model.shared_errors.shared_error import SharedError

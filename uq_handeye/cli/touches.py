@@ -8,7 +8,7 @@ from .names import UNITS
 from .values import coordinates, one_of
 
 if TYPE_CHECKING:
-    from ..calibration.estimate.analysis import FittedKinematics
+    from ..calibration.analysis import FittedKinematics
     from ..calibration.evidence.touches import Touches
     from ..calibration.result import Calibration
     from ..model.kinematics.chain import Kinematics
@@ -44,7 +44,7 @@ class TouchOptions(NamedTuple):
         """Return the touches of a file."""
         import numpy as np
 
-        from ..core.formatting.units import parse_length
+        from ..core.presentation.units import parse_length
         from ..formats.csv_poses import read_pose_file
         from ..use.verification.touches_file import read_touches
         from ..use.verification.verify import robot_covariance, tool_deviation

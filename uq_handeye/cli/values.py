@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from ..core.files.lines import floats
-from ..core.numbers.limits import MAX_PLAIN_LENGTH_M
+from ..core.limits import MAX_PLAIN_LENGTH_M
 from ..errors import InputError
 
 
@@ -63,7 +63,7 @@ def naming_option(option: str) -> Iterator[None]:
 
 def metres(text: str, option: str) -> float:
     """Return a length in metres, of a number with or without a unit."""
-    from ..core.formatting.units import parse_length
+    from ..core.presentation.units import parse_length
 
     found = floats([text])
     return parse_length(text, option) if found is None else found[0]

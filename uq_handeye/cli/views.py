@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from ..core.geometry.se3 import Array
     from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.result import CameraCalibration
-    from ..model.noise.camera_noise import CameraNoise
-    from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import Noise, PoseNoise
+    from ..model.errors.camera_noise import CameraNoise
+    from ..model.errors.models import Noise, PoseNoise
+    from ..model.errors.noise_estimate import NoisePrior
     from ..model.poses.pose_pairs import PosePairs
 
 
@@ -63,7 +63,7 @@ class Views(NamedTuple):
         self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
     ) -> "CameraNoise | PoseNoise":
         """Return the noise of the poses, with the robot noise if it is given."""
-        from ..model.noise.models import PoseNoise
+        from ..model.errors.models import PoseNoise
 
         if prior is not None and prior.camera is not None:
             raise InputError(

@@ -14,7 +14,7 @@ from .printing import emit
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..calibration.statement.tolerance import Tolerance
+    from ..calibration.tolerance import Tolerance
     from ..model.poses.pose_pairs import PosePairs
     from ..use.live_session.folder import Folder
     from ..use.live_session.question import Answer, Question

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.files.table import name_and_unit
-from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_NAME_CHARACTERS
+from ..core.limits import MAX_NAME_CHARACTERS
+from ..core.presentation.units import LENGTH_UNITS
 from .contents import COLUMNS
 
 # Other names of the columns, in small letters, that mean one thing only.

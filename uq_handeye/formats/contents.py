@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate, repeats_note, rows_once
 from ..core.geometry.conventions import CovarianceReading, convention_of
 from ..core.geometry.se3 import Array, inverse
+from ..core.presentation.units import LENGTH_UNITS
 from ..errors import InputError, among, require_one_of
 from .rotations import MATRICES, QUATERNIONS, RotationForm, rotation_form
 

@@ -27,7 +27,7 @@ from ..core.files.table import MARKS, Places, Schema, in_order, numbers_only, re
 from ..core.geometry.checks import as_transforms, first_duplicate
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES
+from ..core.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
 from .columns import counts_poses, covariance_columns, in_seconds, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units, without_repeats
@@ -104,7 +104,7 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     path : path of the file
         At most 1 GB, 10,000,000 rows, 10,000 characters per line.
     units : str
-        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.core.formatting.units.LENGTH_UNITS`).
+        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.core.presentation.units.LENGTH_UNITS`).
         The poses are in metres.
 
     Raises

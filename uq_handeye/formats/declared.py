@@ -16,7 +16,7 @@ from pathlib import Path
 from ..core.files.pose_names import pose_name
 from ..core.files.tree_values import Tree, fields_of
 from ..core.files.trees import parse_toml
-from ..core.numbers.limits import MAX_NAME_CHARACTERS
+from ..core.limits import MAX_NAME_CHARACTERS
 from ..errors import InputError
 from .contents import Contents, Reading, Side
 from .rotations import SEQUENCES, rotation_form

@@ -20,7 +20,7 @@ from ..core.files.pose_names import poses_named
 from ..core.files.source import Source
 from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, items_of
 from ..core.files.trees import is_json, parse_tree
-from ..core.numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
+from ..core.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
 from .compas_frames import without_compas
 from .contents import COLUMNS, Contents, without_repeats

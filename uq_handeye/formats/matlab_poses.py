@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core.files.one_line import refused, short
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_ROWS, MAX_TABLE_BYTES
+from ..core.limits import MAX_ROWS, MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side
 from .controllers.records import records_side

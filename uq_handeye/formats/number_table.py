@@ -23,7 +23,7 @@ from ..core.files.folders import numbers_in
 from ..core.files.lines import NO_VALUE
 from ..core.files.one_line import short
 from ..core.files.table import MAX_COMMENTS, Places, Table, no_number, other_count, too_many
-from ..core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
+from ..core.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
 

@@ -25,7 +25,7 @@ from ..core.files.one_line import refused, short
 from ..core.files.pose_names import pose_name, poses_named
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES
+from ..core.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, conversion
 from .matrices.arrays import is_one_pose, is_poses, side_of_array

@@ -11,7 +11,7 @@ from ..core.geometry.checks import as_transforms
 from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ..core.limits import MAX_DESCRIPTION_BYTES
 from ..errors import InputError
 from .ros_messages import MessageError, poses_in
 

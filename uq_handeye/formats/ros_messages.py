@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, TypeAlias
 
 from ..core.files.tree_values import is_map
-from ..core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
+from ..core.limits import MAX_NAME_CHARACTERS, MAX_ROWS
 from .columns import seconds_of
 
 # A message or part of one: nested dicts of a text, or an object of rclpy, rospy or rosbags: no type is common to them.

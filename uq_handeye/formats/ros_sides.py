@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_LISTED
+from ..core.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents, Side, without_repeats
 from .ros_messages import Stamped

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 
 from ..core.files.lines import is_number
-from ..core.numbers.limits import MAX_LISTED
+from ..core.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents
 from .echoed_messages import PRINTED, TOOL_LINE, messages_of

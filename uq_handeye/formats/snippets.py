@@ -16,12 +16,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..core.formatting.numbers import Snippet, short
 from ..core.geometry.conventions import TOOLKIT, to_convention
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse_jacobian
 from ..core.presentation.html import macros
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.presentation.numbers import Snippet, short
+from ..core.read_only import ReadOnlyArrays
 from .opencv_storage import matrix_lines, yaml_number
 
 # The frames of X for motions that came without poses: those in which A and B are given.

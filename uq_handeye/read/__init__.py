@@ -5,7 +5,7 @@ from ..core.files.json_files import json_text
 from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
 from ..formats.detect import FORMATS
 from ..formats.priors import read_prior
-from ..model.noise.noise_toml import read_noise_file
+from ..model.errors.noise_toml import read_noise_file
 from ..model.shared_errors.shared_toml import read_shared_errors
 from .poses import read_poses, read_stream
 

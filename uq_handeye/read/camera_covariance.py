@@ -10,7 +10,7 @@ from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from ..formats.contents import FRAMES, Side, finished_covariance
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
 from .pairing_by_time import SYNCHRONOUS_S

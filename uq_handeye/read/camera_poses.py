@@ -20,7 +20,7 @@ from ..core.files.tree_values import fields_of, items_of, number, vector
 from ..core.files.trees import parse_toml, parse_tree
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES
+from ..core.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 
 

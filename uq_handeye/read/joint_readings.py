@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES_TO_DECIDE
-from ..core.numbers.rounding import CHAIN_ROUNDING
+from ..core.limits import MIN_POSES_TO_DECIDE
+from ..core.rounding import CHAIN_ROUNDING
 from ..findings import Finding
-from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
-from ..fit.input_checks.covariance_convention import MAX_POSES
+from ..fit.diagnostics.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
+from ..fit.diagnostics.covariance_convention import MAX_POSES
 from ..model.kinematics.against_controller import MAX_MEDIANS, compare_with_controller
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.forward import LEVER_M

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.source import Source
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES, MIN_POSES
+from ..core.limits import MAX_TABLE_BYTES, MIN_POSES
 from ..errors import InputError, InputWarning, require_type
 from ..formats.contents import FRAMES, Side
 from ..model.poses.pose_pairs import PosePairs, joint_values_at

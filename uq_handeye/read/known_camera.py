@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.source import Source
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES
+from ..core.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 from .joints import listed_rows
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.files.open import shown
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_LISTED, MAX_ROWS, MIN_POSES_TO_DECIDE
+from ..core.limits import MAX_LISTED, MAX_ROWS, MIN_POSES_TO_DECIDE
 from ..errors import InputError, InputWarning
 from ..formats.contents import Side
 from ..formats.rotations import RotationForm, rotation_form

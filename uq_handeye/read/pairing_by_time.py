@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..core.geometry.checks import is_number
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MIN_POSES
-from ..core.numbers.rounding import TINY
+from ..core.limits import MIN_POSES
+from ..core.rounding import TINY
 from ..errors import InputError
 from ..formats.contents import Side
 

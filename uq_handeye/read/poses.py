@@ -18,15 +18,15 @@ from ..core.files.source import Source
 from ..core.geometry.conventions import CovarianceReading
 from ..core.geometry.frames import CAMERA_CONVENTIONS, SETUPS
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_PLAIN_LENGTH_M, MIN_POSES
+from ..core.limits import MAX_PLAIN_LENGTH_M, MIN_POSES
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
-from ..fit.input_checks.repeated_rows import SAME_NUMBER
+from ..fit.diagnostics.repeated_rows import SAME_NUMBER
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..formats.rotations import QUATERNIONS, rotation_form
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
 from .camera_covariance import camera_covariance

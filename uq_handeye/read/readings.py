@@ -17,15 +17,15 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.formatting.numbers import digits
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MAJORITY, MIN_POSES_TO_DECIDE
-from ..core.numbers.rounding import CHAIN_ROUNDING
+from ..core.limits import MAJORITY, MIN_POSES_TO_DECIDE
+from ..core.presentation.numbers import digits
+from ..core.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.agreement import Agreement, agreement, angles_between, typical_difference
-from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
-from ..fit.input_checks.repeated_rows import SAME_NUMBER
+from ..fit.diagnostics.agreement import Agreement, agreement, angles_between, typical_difference
+from ..fit.diagnostics.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE
+from ..fit.diagnostics.repeated_rows import SAME_NUMBER
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished, rows_of_side
 from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
 

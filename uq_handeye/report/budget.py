@@ -15,25 +15,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from ..calibration.accuracy import budget_of_model
+from ..calibration.checks import shared_groups, sizes_of
+from ..calibration.contribution import Contribution, Input
 from ..calibration.report.budget import WITHIN_95, freedom, shorten_budget, shown_budget
 from ..calibration.result import Calibration
-from ..calibration.statement.accuracy import budget_of_model
-from ..calibration.statement.checks import shared_groups, sizes_of
-from ..calibration.statement.contribution import Contribution, Input
-from ..core.formatting.numbers import digits, fixed
-from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ..core.geometry.pose_numbers import rotation_vector
 from ..core.geometry.se3 import Array, left_jacobian
-from ..core.numbers.levels import INTERVAL
-from ..core.numbers.rounding import TINY
+from ..core.levels import INTERVAL
 from ..core.presentation.document import Cell, Table
+from ..core.presentation.numbers import digits, fixed
+from ..core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ..core.rounding import TINY
 from ..fit.diagnostics.budget import PRIORS, Budget, Expanded, Source
-from ..model.error_terms.estimate import SHOWN, ErrorEstimate
-from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
-from ..model.noise.estimate import SIDES, NoiseEstimate
-from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import marginals
+from ..model.errors.error_estimate import SHOWN, ErrorEstimate
+from ..model.errors.joint_covariance import JointCovariance
+from ..model.errors.key import ErrorKey, Kind, Owner
+from ..model.errors.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
+from ..model.errors.models import marginals
+from ..model.errors.noise_estimate import SIDES, NoiseEstimate
 
 # Coverage probability of every expanded uncertainty.
 LEVEL = INTERVAL.probability

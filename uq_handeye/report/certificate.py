@@ -13,11 +13,11 @@ from typing import Any, ClassVar, overload
 
 import numpy as np
 
+from ..calibration.accuracy import NOT_USABLE
+from ..calibration.contribution import Contribution
 from ..calibration.result import Calibration
 from ..calibration.rig_result import RigCalibration
-from ..calibration.statement.accuracy import NOT_USABLE
-from ..calibration.statement.contribution import Contribution
-from ..calibration.statement.tolerance import Tolerance, ToleranceLike, Verdict
+from ..calibration.tolerance import Tolerance, ToleranceLike, Verdict
 from ..core.files.about import as_about
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain

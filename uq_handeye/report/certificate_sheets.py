@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..calibration.accuracy import Accuracy
 from ..calibration.result import Calibration
-from ..calibration.statement.accuracy import Accuracy
-from ..calibration.statement.tolerance import percent
-from ..core.formatting.numbers import digits
-from ..core.numbers.limits import MAX_LISTED
+from ..calibration.tolerance import percent
+from ..core.limits import MAX_LISTED
 from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
+from ..core.presentation.numbers import digits
 from .budget import LEVEL, components_of, correlation_of, gum_table, lower, sizes_of_stated, worst_of
 from .certificate_form import NOT_CERTIFIED, refused
 from .decision import RULE, Decision

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..calibration.result import Calibration
 from ..calibration.rig_result import RigCalibration
-from ..calibration.statement.tolerance import (
+from ..calibration.tolerance import (
     FAIL,
     MET,
     MISSED,
@@ -22,9 +22,9 @@ from ..calibration.statement.tolerance import (
     probability_within,
 )
 from ..core.files.json_values import JsonObject
-from ..core.formatting.numbers import digits
-from ..core.numbers.rounding import SOLUTION_ROUNDING
 from ..core.presentation.document import Badge
+from ..core.presentation.numbers import digits
+from ..core.rounding import SOLUTION_ROUNDING
 
 RULE = (
     f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "

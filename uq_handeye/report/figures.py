@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..calibration.estimate.estimated import distance_of
+from ..calibration.checks import shared_groups
+from ..calibration.estimated import distance_of
 from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.budget import budget_shares, shown_budget
 from ..calibration.report.figure_names import FIGURES, figure_names
@@ -21,13 +22,12 @@ from ..calibration.report.points_ahead import ahead
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MAX_FRAMES, rig, rig_figure, rig_scene
 from ..calibration.report.workspace_figure import workspace_figure
-from ..calibration.statement.checks import shared_groups
-from ..core.formatting.numbers import digits
 from ..core.presentation.ellipses import covariance_ellipses, held, small_ellipses
 from ..core.presentation.figure_parts import NamedFigure, Picture
+from ..core.presentation.numbers import digits
 from ..errors import InputError
-from ..methods.propagation.target_pose import mean_target
-from ..model.noise.models import PoseNoise
+from ..methods.target_pose import mean_target
+from ..model.errors.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from .comparison.compare import compare_result
 from .comparison.figure import comparison_picture

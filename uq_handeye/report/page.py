@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from .._version import __version__
 from ..calibration.report.first_screen import data_words
 from ..calibration.result import Calibration
-from ..calibration.statement.tolerance import Verdict
+from ..calibration.tolerance import Verdict
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.presentation.document import Section
 from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
@@ -33,7 +33,7 @@ from .sheets import caution_points, first_sheet, second_sheet, split_cautions
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..calibration.statement.tolerance import Verdict
+    from ..calibration.tolerance import Verdict
 
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool

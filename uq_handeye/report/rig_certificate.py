@@ -15,13 +15,13 @@ import numpy as np
 
 from ..calibration.report.rig_sections import FRAMES, certified_poses, expanded, headline, rig_parts
 from ..calibration.rig_result import RigCalibration
-from ..calibration.statement.tolerance import Verdict
+from ..calibration.tolerance import Verdict
 from ..core.files.about import ABOUT
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
-from ..core.formatting.numbers import digits, probability
-from ..core.numbers.levels import CONTRADICTED
+from ..core.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
+from ..core.presentation.numbers import digits, probability
 from ..core.presentation.sections import selected
 from ..model.poses.estimated_pose import EstimatedPose
 from .budget import LEVEL

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from .._version import __version__
-from ..calibration.estimate.rig_poses import RigPoses
 from ..calibration.report.rig_sections import rig_parts
+from ..calibration.rig_poses import RigPoses
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
-from ..core.formatting.numbers import digits
-from ..core.numbers.limits import MAX_LISTED
+from ..core.limits import MAX_LISTED
 from ..core.presentation.document import Badge, Drawing, Section
 from ..core.presentation.html import macros
+from ..core.presentation.numbers import digits
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from ..core.presentation.sections import selected
 from ..model.poses.estimated_pose import EstimatedPose

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._version import __version__
+from ..calibration.checks import not_included
 from ..calibration.report.analysis import not_shown_yet, tests_not_run
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.budget import KINDS
@@ -22,13 +23,12 @@ from ..calibration.report.points_ahead import ahead
 from ..calibration.report.residuals import pose_table
 from ..calibration.report.shared_errors import included_words
 from ..calibration.report.text import blocks_of
-from ..calibration.statement.checks import not_included
-from ..core.formatting.numbers import concise, digits, fixed
 from ..core.geometry.conventions import CONVENTION
-from ..core.numbers.limits import MAX_LISTED, MAX_NAMED, MAX_PRINTED_ROWS, MIN_SHOWN_CORRELATION
+from ..core.limits import MAX_LISTED, MAX_NAMED, MAX_PRINTED_ROWS, MIN_SHOWN_CORRELATION
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.numbers import concise, digits, fixed
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
-from ..model.error_terms.key import ErrorKey, Kind, Owner
+from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.poses.scene_facts import SceneView
 from ..scene.lens import NAMES as LENS_NAMES
 from ..trials.validation.cross_check.text import state, verdict
@@ -38,7 +38,7 @@ from .figures import poses_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..calibration.statement.tolerance import Verdict
+    from ..calibration.tolerance import Verdict
     from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.compare import Compared
 

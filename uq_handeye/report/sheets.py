@@ -6,22 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..calibration.accuracy import limit_of, point_ahead, suits_of
 from ..calibration.report.budget import budget_table
 from ..calibration.report.first_screen import advice, split_blocks
 from ..calibration.result import Calibration
-from ..calibration.statement.accuracy import limit_of, point_ahead, suits_of
-from ..calibration.statement.tolerance import Verdict
-from ..core.formatting.numbers import fixed
-from ..core.formatting.units import MM_PER_M
-from ..core.numbers.limits import MAX_NAMED
+from ..calibration.tolerance import Verdict
+from ..core.limits import MAX_NAMED
 from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.numbers import fixed
+from ..core.presentation.units import MM_PER_M
 from ..findings import Finding
 from .sections import colour_of, needs
 
 if TYPE_CHECKING:
+    from ..calibration.accuracy import Accuracy
     from ..calibration.result import Calibration
-    from ..calibration.statement.accuracy import Accuracy
-    from ..calibration.statement.tolerance import Verdict
+    from ..calibration.tolerance import Verdict
 
 # Characters of cautions that fit on the second page; the others are in a section of their own.
 MAX_CAUTION_CHARACTERS = 1500

@@ -14,14 +14,14 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from ..calibration.checks import shared_groups, sizes_of
 from ..calibration.report.first_screen import file_words, fit_words
 from ..calibration.result import Calibration
-from ..calibration.statement.checks import shared_groups, sizes_of
-from ..calibration.statement.tolerance import percent
+from ..calibration.tolerance import percent
 from ..core.files.about import ABOUT
-from ..core.formatting.numbers import digits
-from ..model.error_terms.key import ErrorKey, Kind, Owner
-from ..model.error_terms.keys import ROBOT_ACCURACY, ROBOT_SCALE, TARGET_SCALE
+from ..core.presentation.numbers import digits
+from ..model.errors.key import ErrorKey, Kind, Owner
+from ..model.errors.keys import ROBOT_ACCURACY, ROBOT_SCALE, TARGET_SCALE
 from ..model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, ESTIMATE, EXACT
 from ..model.poses.pose_pairs import PosePairs
 from .budget import LEVEL, budget_of, noise_per_axis

@@ -26,7 +26,7 @@ from ..calibration.result import Calibration
 from ..core.files.open import StrPath, as_path
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse
-from ..core.numbers.limits import MIN_POSES
+from ..core.limits import MIN_POSES
 from ..errors import InputError, InputWarning, NotConvergedError
 from ..formats.ros_messages import Message
 from ..model.poses.pose_pairs import PosePairs

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, difference, perturb, skew
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.read_only import ReadOnlyArrays
 from ..errors import NotConvergedError
 from .lens import Lens
 from .tracks import Tracks

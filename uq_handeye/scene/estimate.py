@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse, inverse_jacobian, skew
-from ..core.numbers.limits import MAX_FOCAL_SD_SHARE
+from ..core.limits import MAX_FOCAL_SD_SHARE
 from ..errors import InputError
 from ..findings import Finding
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from .adjust import Pull, Scene, adjust, joint_covariance, reduce
 from .colmap import Matched, Model
 from .lens import MODEL, Lens

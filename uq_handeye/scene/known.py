@@ -27,7 +27,7 @@ from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
 from ..formats.numpy_poses import members
 from ..model.camera.models import CORNER_PX
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from . import colmap
 from .adjust import Reduced, Scene, adjust, joint_covariance, reduce
 from .estimate import MIN_POINTS, Placed

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from ..core.geometry.se3 import Array
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..model.camera.given_intrinsics import OPEN_RADIAL_SD
 from ..model.camera.models import MODELS, Projected

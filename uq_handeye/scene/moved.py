@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_LISTED
+from ..core.limits import MAX_LISTED
 from ..findings import Finding
 from ..model.camera.models import CORNER_PX
 from .colmap import Matched

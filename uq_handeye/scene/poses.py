@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.geometry.se3 import Array, left_jacobian, perturb
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from .adjust import Reduced
 
 # Shared variances up to this, in those of a pose's own noise, are not worth a column.

@@ -20,12 +20,12 @@ from ..core.files.records import array_of
 from ..core.files.source import Source
 from ..core.geometry.se3 import Array
 from ..core.presentation.document import to_text
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..formats.command_folder import arrays_in, description_in, folder_of_command
 from ..formats.csv_poses import pose_text
-from ..model.noise.joint_covariance import JointCovariance
+from ..model.errors.joint_covariance import JointCovariance
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.scene_facts import SceneFacts
 from .lens import MODEL, NAMES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..core.numbers.limits import MAX_LISTED
+from ..core.limits import MAX_LISTED
 from ..findings import CAMERA, digits, sentence
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..core.formatting.numbers import concise
 from ..core.presentation.document import Caution, Document, Heading, Paragraph, Table
+from ..core.presentation.numbers import concise
 from ..findings import Finding, texts
 from ..model.poses.scene_facts import SceneFacts
 

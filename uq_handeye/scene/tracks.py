@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
-from ..core.runtime.read_only import ReadOnlyArrays
+from ..core.read_only import ReadOnlyArrays
 from ..errors import InputError
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance, whitened_eigenvalues
 
-from uq_handeye.core.numbers.levels import CONTRADICTED
+from uq_handeye.core.levels import CONTRADICTED
 from uq_handeye.trials.validation.cross_check.ratios import chance, ratios
 from uq_handeye.trials.validation.cross_check.relations import Evidence, relations
 

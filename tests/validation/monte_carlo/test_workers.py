@@ -20,8 +20,8 @@ from fixtures.trials import PROGRAM, assert_same, pairs_problem, start
 from support import SEED
 
 from uq_handeye import DegenerateMotionError, InputError, MissingExtraError, NotConvergedError
-from uq_handeye.core.runtime.executors import connect_to_dask
-from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.core.executors import connect_to_dask
+from uq_handeye.core.threads import one_thread
 from uq_handeye.trials.simulation.experiment import experiment
 from uq_handeye.trials.validation.monte_carlo import crew as workers
 from uq_handeye.trials.validation.monte_carlo import run as module

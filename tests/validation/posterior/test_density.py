@@ -8,7 +8,7 @@ from support import difference, jacobian, moved
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.fit.likelihood.constraint import constraint_of, covariances_of, residual_covariance
+from uq_handeye.fit.graph.constraint import constraint_of, covariances_of, residual_covariance
 from uq_handeye.trials.validation.posterior.density import ScalePrior, density_of
 
 

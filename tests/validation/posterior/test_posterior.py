@@ -24,7 +24,7 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
-from uq_handeye.fit.likelihood.gauss_helmert import bound
+from uq_handeye.fit.graph.gauss_helmert import bound
 from uq_handeye.trials.validation.corner_plot import _thresholds
 from uq_handeye.trials.validation.posterior.density import ScalePrior
 from uq_handeye.trials.validation.posterior.result import shortest

@@ -1,7 +1,7 @@
 r"""Residuals of new poses against a stored calibration, with the covariance that they have if nothing has changed.
 
 At the estimates, with robot and camera poses corrected by the estimates of the shared errors, the residual of a new
-pose (`likelihood.constraint`) is to first order in the errors
+pose (`graph.constraint`) is to first order in the errors
 
     r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
 
@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.geometry.se3 import Array, difference, perturb
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
-from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
-from ...model.error_terms.key import Kind, Owner
-from ...model.error_terms.keys import DRIFTS, GIVEN, ROBOT_ACCURACY, SCENE_EXCESS
-from ...model.noise.joint_covariance import JointCovariance, joint_of
-from ...model.noise.models import PoseNoise, is_joint, require_count
+from ...fit.graph.constraint import Linearised, OnPoses, Unknowns
+from ...fit.graph.posterior import FreshNoise
+from ...fit.graph.rows import NewRows, at_points
+from ...model.errors.joint_covariance import JointCovariance, joint_of
+from ...model.errors.key import Kind, Owner
+from ...model.errors.keys import DRIFTS, GIVEN, ROBOT_ACCURACY, SCENE_EXCESS
+from ...model.errors.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.posterior import FreshNoise
-from ...model.posterior.rows import NewRows, at_points
 from ...model.shared_errors.assumed import drift_columns
-from ..estimate.estimated import Estimated
+from ..estimated import Estimated
 from ..prediction.predict import (
     NONE,
     RobotAhead,

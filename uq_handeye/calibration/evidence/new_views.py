@@ -6,7 +6,7 @@ are
     rho = J xi + D K (e - estimate) + D eta
 
 xi and e those of the posterior, eta the noise of the new poses, correlated within a group by its robot poses. Rows are
-whitened by ``Cov(D eta) = L L^T`` of their group, so that they are independent (`posterior.rows.NewRows`). Directions
+whitened by ``Cov(D eta) = L L^T`` of their group, so that they are independent (`graph.rows.NewRows`). Directions
 that the calibration did not determine are free parameters: their columns are projected out.
 
 Where the noise was estimated, d^2 is uncertain by a factor that depends on the sizes of all noise: its distribution is
@@ -22,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, perturb
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...fit.graph.fit import Place, whitened
 from ...fit.graph.graph import Graph
+from ...fit.graph.rows import NewRows
 from ...fit.graph.sizes import ALL_TARGETS, model_of
-from ...model.error_terms.key import ErrorKey
-from ...model.posterior.rows import NewRows
+from ...model.errors.key import ErrorKey
 from ...model.rig.description import Rig
-from ..estimate.rig_poses import RigPoses
 from ..prediction.noise_of_views import new_noise, parts_of, posterior_of
+from ..rig_poses import RigPoses
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...errors import InputError
-from ...model.error_terms.key import Owner
+from ...model.errors.key import Owner
 from ...model.poses.pose_pairs import PosePairs
 
 ROBOT, CAMERA, TARGET = THINGS = (Owner.ROBOT, Owner.CAMERA, Owner.TARGET)

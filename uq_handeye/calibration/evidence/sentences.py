@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...core.formatting.numbers import digits, probability
+from ...core.presentation.numbers import digits, probability
 from ...findings import INPUT, sentence
 
 

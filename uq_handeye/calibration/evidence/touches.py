@@ -30,11 +30,11 @@ from ...core.geometry.checks import as_numbers, as_transforms, checked_covarianc
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import GIVEN, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
-from ...model.posterior.posterior import FreshNoise
-from ...model.posterior.rows import Joint, NewRows, at_points, factor_of
-from ..estimate.estimated import Estimated
+from ...fit.graph.posterior import FreshNoise
+from ...fit.graph.rows import Joint, NewRows, at_points, factor_of
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.keys import GIVEN, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
+from ..estimated import Estimated
 from ..prediction.predict import (
     NONE,
     RobotAhead,

@@ -22,15 +22,15 @@ from ...core.files.json_files import json_text
 from ...core.files.open import StrPath, as_path, shown
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.rounding import THIRD_DIGITS
+from ...core.rounding import THIRD_DIGITS
 from ...errors import InputError
 from ...formats.snippets import fixed_axis_angles
-from ...model.error_terms.estimate import ErrorEstimate
+from ...model.errors.error_estimate import ErrorEstimate
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ...model.kinematics.forward import align
-from ..estimate.analysis import FittedKinematics
+from ..analysis import FittedKinematics
 
 if TYPE_CHECKING:
     from ...model.kinematics.descriptions.urdf import Placed

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError
+from ...fit.graph.declared import request_from_dict
 from ...fit.graph.graph import Graph
 from ...fit.graph.noise import RigNoise, given_covariances, given_key
+from ...fit.graph.posterior import Posterior
+from ...fit.graph.request import Request
 from ...fit.graph.sizes import WIDTH, components_of
-from ...fit.one_model.declared import request_from_dict
-from ...fit.one_model.request import Request
-from ...model.error_terms.key import ErrorKey
-from ...model.error_terms.keys import CLOCK_OFFSET
-from ...model.error_terms.sizes import Size
-from ...model.error_terms.term import ErrorTerm
-from ...model.posterior.posterior import Posterior
+from ...model.errors.key import ErrorKey
+from ...model.errors.keys import CLOCK_OFFSET
+from ...model.errors.sizes import Size
+from ...model.errors.term import ErrorTerm
 from ...model.rig.description import Rig
 from ...model.shared_errors.view import HALF_WIDTH
-from ..estimate.rig_poses import RigPoses
+from ..rig_poses import RigPoses
 
 
 def posterior_of(result: RigPoses) -> Posterior:

@@ -33,23 +33,23 @@ from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array, inverse, perturb
 from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
-from ...fit.likelihood.constraint import OnPoses, Unknowns
-from ...fit.likelihood.gauss_helmert import ESTIMATORS
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import GIVEN, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
-from ...model.kinematics.arms.elbow import elbow_moved
+from ...fit.graph.constraint import OnPoses, Unknowns
+from ...fit.graph.gauss_helmert import ESTIMATORS
+from ...fit.graph.posterior import FreshNoise, Posterior
+from ...model.errors.joint_covariance import JointCovariance
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.keys import GIVEN, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
+from ...model.kinematics.elbow import elbow_moved
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, effects_of_errors, frame_key
 from ...model.kinematics.workspace_gauge import frame_columns
-from ...model.noise.joint_covariance import JointCovariance
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.posterior import FreshNoise, Posterior
 from ...model.shared_errors.assumed import bound_again, error_by_number
 from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.view import target_centre, view_block
-from ..estimate.analysis import FittedKinematics
-from ..estimate.estimated import Estimated
+from ..analysis import FittedKinematics
+from ..estimated import Estimated
 
 if TYPE_CHECKING:  # slow to import
     from scipy.spatial.transform import RigidTransform

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...core.formatting.numbers import digits
+from ...core.presentation.numbers import digits
 from ...findings import SHARED, Values, sentence
 
 # Errors of the arm are hardly visible where the data reduce the prior variance by less than this share, on average over

@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits
-from ...core.formatting.units import parse_length, parse_pixels
 from ...core.geometry.se3 import skew
 from ...core.presentation.document import Document, Heading, Paragraph, Table, document_of
+from ...core.presentation.numbers import digits
 from ...core.presentation.shown import Shown
+from ...core.presentation.units import parse_length, parse_pixels
 from ...errors import InputError
-from ...model.error_terms.keys import CAMERA_SCALE, FOCAL_LENGTH, TARGET_SCALE
+from ...model.errors.keys import CAMERA_SCALE, FOCAL_LENGTH, TARGET_SCALE
 from .predict import posterior_of, predict_points
 
 if TYPE_CHECKING:
-    from ..estimate.estimated import Estimated
+    from ..estimated import Estimated
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...findings import Finding
 from ...fit.diagnostics.task_space import PointUncertainty
+from ...model.errors.models import is_joint
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import EXACT
-from ...model.noise.models import is_joint
-from ..estimate.analysis import FittedKinematics
-from ..estimate.estimated import Estimated
+from ..analysis import FittedKinematics
+from ..estimated import Estimated
 from .predict import predict_camera, robot_ahead, seen_at, tip_at
 
 # Largest damping of the search for a posture that reaches the point.

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.formatting.numbers import fixed, pose_rows
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.presentation.document import Block, Cell, Code, Heading, Points, Table
+from ...core.presentation.numbers import fixed, pose_rows
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...findings import Finding
-from ..estimate.estimated import deviations_of
+from ..estimated import deviations_of
 from ..result import Calibration
 
 

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import digits
 from ...core.presentation.document import (
     Block,
     Heading,
     Paragraph,
 )
-from ...model.error_terms.keys import ROBOT_ACCURACY
-from ...model.kinematics.arms.known_arms import about_flange
+from ...core.presentation.numbers import digits
+from ...model.errors.keys import ROBOT_ACCURACY
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
+from ...model.kinematics.known_arms import about_flange
 from ...model.kinematics.sentences import frame_size
-from ..estimate.analysis import FittedKinematics
+from ..analysis import FittedKinematics
 from ..result import Calibration
 
 # The mean error of nominal poses is stated from this share of the 95 % radius on.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import digits, fixed
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Cell, Table
+from ...core.presentation.numbers import digits, fixed
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...fit.diagnostics.budget import Budget
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.key_text import plain_text
-from ...model.noise.models import is_joint
-from ..estimate.analysis import joint_sides
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.key_text import plain_text
+from ...model.errors.models import is_joint
+from ..analysis import joint_sides
 from ..result import Calibration
 
 KINDS = (Kind.ROTATION, Kind.TRANSLATION)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, plus_minus, value_and_sd
 from ...core.geometry.conventions import COMPONENTS
 from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, principal_axes
 from ...core.geometry.se3 import Array
+from ...core.presentation.numbers import concise, digits, plus_minus, value_and_sd
 from ...fit.diagnostics.result import UNKNOWN_FRAME
 from ...fit.diagnostics.sentences import direction_words
-from ..estimate.estimated import Estimated
+from ..estimated import Estimated
 
 if TYPE_CHECKING:
     pass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..estimate.estimated import Estimated
+from ..estimated import Estimated
 
 if TYPE_CHECKING:
     pass

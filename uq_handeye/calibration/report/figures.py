@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...core.formatting.numbers import concise
 from ...core.geometry.se3 import Array
 from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
 from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
-from ...model.error_terms.estimate import ErrorEstimate
-from ..estimate.estimated import distance_of
+from ...core.presentation.numbers import concise
+from ...model.errors.error_estimate import ErrorEstimate
+from ..estimated import distance_of
 from .budget import KINDS
 from .points_ahead import ahead, worst_deviation
 from .shared_errors import found_of

@@ -12,7 +12,6 @@ from itertools import groupby
 
 import numpy as np
 
-from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import (
     COLUMNS,
@@ -26,12 +25,13 @@ from ...core.presentation.document import (
     Table,
     to_text,
 )
+from ...core.presentation.numbers import fixed
 from ...findings import step_after
 from ...fit.diagnostics.sentences import DECLARE
-from ...model.error_terms.key import Kind
+from ...model.errors.key import Kind
+from ..accuracy import Accuracy, combined_parts, limit_of, suits_of
 from ..result import Calibration
-from ..statement.accuracy import Accuracy, combined_parts, limit_of, suits_of
-from ..statement.tolerance import Verdict
+from ..tolerance import Verdict
 from .arm import frame_words
 from .budget import WITHIN_95
 

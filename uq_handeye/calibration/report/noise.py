@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import digits, fixed, multiple, probability
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, small_unit
-from ...core.numbers.levels import RARE
+from ...core.levels import RARE
 from ...core.presentation.document import Block, Paragraph, Points, Table
-from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
-from ...model.error_terms.estimate import SHOWN, ErrorEstimate
-from ...model.error_terms.keys import DRIFTS, VIEW
-from ...model.noise.models import Noise, is_joint, marginals
+from ...core.presentation.numbers import digits, fixed, multiple, probability
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M, small_unit
+from ...fit.graph.goodness_of_fit import GoodnessOfFit
+from ...model.errors.error_estimate import SHOWN, ErrorEstimate
+from ...model.errors.keys import DRIFTS, VIEW
+from ...model.errors.models import Noise, is_joint, marginals
 from ..result import Calibration
 
 # Rotation or translation residuals are called inconsistent with the noise from this difference of their sigma_0

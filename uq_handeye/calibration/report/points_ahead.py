@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ..estimate.estimated import Estimated, distance_of
+from ..estimated import Estimated, distance_of
 
 _STEPS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0])  # of the table, in distances to the target
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DRAWN_POINTS, MAX_NAMED
+from ...core.limits import MAX_DRAWN_POINTS, MAX_NAMED
 from ...core.presentation.colours import BLUE, INK, ORANGE, QUIET
 from ...core.presentation.figure_parts import FIGURE_WIDTH_IN, HALO, SMALL, TEXT, canvas, finished, plain, plain_numbers
 from ...fit.diagnostics.pose_table import PoseTable

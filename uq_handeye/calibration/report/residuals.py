@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...core.formatting.numbers import column, fixed
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from ...core.presentation.document import Block, Paragraph, Table
+from ...core.presentation.numbers import column, fixed
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...fit.diagnostics.pose_table import PoseTable
 from ..result import Calibration
 

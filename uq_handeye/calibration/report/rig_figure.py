@@ -22,11 +22,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import UNUSUAL
+from ...core.levels import UNUSUAL
 from ...core.presentation.colours import BLUE, GREEN, INK, ORANGE, QUIET
 from ...core.presentation.figure_parts import FIGURE_WIDTH_IN, SMALL, TEXT, NamedFigure, plain, round_number
+from ...core.presentation.numbers import digits
 from ...fit.diagnostics.pose_table import PoseTable
 from ...model.poses.pose_pairs import PosePairs
 

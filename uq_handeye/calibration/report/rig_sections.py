@@ -9,20 +9,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.formatting.numbers import digits, probability
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED, INTERVAL
+from ...core.levels import CONTRADICTED, INTERVAL
 from ...core.presentation.document import Answer, Badge, Block, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.numbers import digits, probability
 from ...core.presentation.sections import Part, selected, text_of
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...findings import step_after
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
-from ..estimate.error_of_X import points_of, radius_95
-from ..estimate.rig_poses import RigPoses
-from ..statement.tolerance import percent
+from ..error_of_X import points_of, radius_95
+from ..rig_poses import RigPoses
+from ..tolerance import percent
 from .facts import numbers_of
 
 # The headline is a caution where a larger share of the views is rejected.

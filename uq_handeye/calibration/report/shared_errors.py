@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits
 from ...core.presentation.document import (
     Block,
     Cell,
     Points,
     Table,
 )
+from ...core.presentation.numbers import concise, digits
 from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
-from ...model.error_terms.estimate import ErrorEstimate
-from ...model.error_terms.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
+from ...model.errors.error_estimate import ErrorEstimate
+from ...model.errors.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
 from ...model.shared_errors.shared_error import WRONG_SIZE
+from ..checks import included, shared_groups, sizes_of
 from ..result import Calibration
-from ..statement.checks import included, shared_groups, sizes_of
 from .arm import reported_words
 
 CAPTION = (

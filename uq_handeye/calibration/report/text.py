@@ -7,10 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from ...core.formatting.numbers import digits, pose_rows, row
 from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...core.geometry.se3 import Array, difference
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from ...core.presentation.document import (
     Block,
     Caution,
@@ -24,10 +23,11 @@ from ...core.presentation.document import (
     document_of,
 )
 from ...core.presentation.html import blocks_html, heat_html, html_of, matrix_html, to_html
+from ...core.presentation.numbers import digits, pose_rows, row
 from ...core.presentation.sections import Part, selected
 from ...findings import Finding
 from ..result import Calibration
-from ..statement.tolerance import Verdict
+from ..tolerance import Verdict
 from .analysis import beside_blocks, covariance_table, diagnosis_blocks
 from .arm import arm_blocks, arm_sentences
 from .budget import budget_table

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import TINY
 from ...core.presentation.colours import INK, ORANGE
 from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain, plain_numbers
+from ...core.rounding import TINY
 from ..prediction.workspace import WorkspacePrediction
 
 if TYPE_CHECKING:

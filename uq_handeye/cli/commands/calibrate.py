@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ...core.runtime.threads import cores
+from ...core.threads import cores
 from ...errors import InputError, NotConvergedError
 from ..delivery import (
     AllOutputs,
@@ -21,7 +21,7 @@ from ..rigs import calibrate_rig_files
 from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
-    from ...calibration.statement.tolerance import Tolerance
+    from ...calibration.tolerance import Tolerance
     from ...trials.validation.cross_check.result import CrossCheck
 
 

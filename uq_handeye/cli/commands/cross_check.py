@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from ...core.runtime.threads import cores
+from ...core.threads import cores
 from ...errors import InputError
 from ..delivery import REPORTS, deliver_answer, write_report
 from ..exit_status import ExitStatus

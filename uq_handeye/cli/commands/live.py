@@ -17,7 +17,7 @@ from ..touches import TouchesToUse
 from ..watching import folder_of, question_of
 
 if TYPE_CHECKING:
-    from ...calibration.statement.tolerance import Tolerance
+    from ...calibration.tolerance import Tolerance
     from ...use.live_session.browser_page import BrowserPage
     from ...use.live_session.question import Answer
     from ...use.live_session.sources import Side, Source

@@ -3,7 +3,7 @@
 import warnings
 from pathlib import Path
 
-from ...core.runtime.progress import working
+from ...core.progress import working
 from ...errors import InputError, InputWarning
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed

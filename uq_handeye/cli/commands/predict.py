@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core.files.csv_text import csv_text
-from ...core.numbers.limits import MAX_PRINTED_ROWS
+from ...core.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus

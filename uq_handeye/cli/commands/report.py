@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ...core.files.about import read_about
-from ...core.runtime.progress import working
+from ...core.progress import working
 from ..delivery import (
     REPORTS,
     Outputs,
@@ -24,7 +24,7 @@ from ..values import one_of, require_writable
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...calibration.rig_result import RigCalibration
-    from ...calibration.statement.tolerance import Tolerance
+    from ...calibration.tolerance import Tolerance
 
 
 # Suffixes of a certificate.

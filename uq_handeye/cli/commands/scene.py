@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ...core.runtime.progress import working
+from ...core.progress import working
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
 from ..pictures import known_of_scene

@@ -21,7 +21,7 @@ from ..rigs import NEW_VIEWS, deliver_rig, new_views
 from ..stored import refuse, stored_rig
 
 if TYPE_CHECKING:
-    from ...calibration.statement.tolerance import Tolerance
+    from ...calibration.tolerance import Tolerance
 
 
 def update_command(

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ...core.files.csv_text import frame_text
-from ...core.runtime.threads import cores
+from ...core.threads import cores
 from ...errors import InputError
 from ..delivery import deliver, refused_as_not_usable, wrote
 from ..exit_status import ExitStatus
@@ -142,7 +142,7 @@ def _simulated(
     problem: dict[str, Any], names: list[str], simulation: Simulation, workers: int, resume: bool, output: Path | None
 ) -> "Iterator[MonteCarlo]":
     """Yield the result of each method, up to the first that ends early."""
-    from ...core.runtime.executors import connect_to_dask
+    from ...core.executors import connect_to_dask
     from ...trials.validation.monte_carlo.run import monte_carlo
 
     with ExitStack() as stack:

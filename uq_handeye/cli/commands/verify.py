@@ -82,7 +82,7 @@ def verify_command(
 
 def _by_cameras(result: Path, camera_poses: Path, touching: TouchOptions, as_json: bool, output: Path | None) -> int:
     """Compare the relative poses of a rig with those of another program."""
-    from ...core.formatting.units import LENGTH_UNITS
+    from ...core.presentation.units import LENGTH_UNITS
     from ...read.camera_poses import read_camera_poses
     from ...use.verification.verify_cameras import verify_cameras
     from ..stored import stored_rig
@@ -128,7 +128,7 @@ def _points(path: Path) -> "Array":
     from ...core.files.one_line import short
     from ...core.files.open import opened, shown
     from ...core.files.table import Places, Schema, read_table
-    from ...core.formatting.units import LENGTH_UNITS
+    from ...core.presentation.units import LENGTH_UNITS
     from ...formats.columns import meaning_and_unit
     from ...formats.numpy_poses import read_one_array
 

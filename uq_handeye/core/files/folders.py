@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...errors import InputError
-from ..numbers.limits import MAX_FILES
+from ..limits import MAX_FILES
 from .open import shown
 from .patterns import matching
 

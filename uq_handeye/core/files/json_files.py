@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ..numbers.limits import MAX_TABLE_BYTES
+from ..limits import MAX_TABLE_BYTES
 from .atomic import write_atomically
 from .open import StrPath, as_path, opened, shown
 from .packed import packed

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
 from ...errors import InputError
-from ..numbers.limits import MAX_LINE_CHARACTERS
+from ..limits import MAX_LINE_CHARACTERS
 
 # What spreadsheets write where there is no value: a row of it is no comment.
 NO_VALUE = re.compile(rb"#\s*(?:N/?[AV]\b|[A-Z0-9/]+[!?])")

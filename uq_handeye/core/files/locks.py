@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError
+from ..limits import MAX_WAIT_S
 from .atomic import require_writable_file
 from .open import StrPath, as_path, shown
 

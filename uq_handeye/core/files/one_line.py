@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from ...errors import InputError
-from ..numbers.limits import MAX_NAME_CHARACTERS
+from ..limits import MAX_NAME_CHARACTERS
 
 _CONTROLS = re.compile(
     r"(?!\x1b\[[0-9;]*m)[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]|\r(?!\n)"

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError
-from ..numbers.limits import MAX_NAME_CHARACTERS
+from ..limits import MAX_NAME_CHARACTERS, MAX_WAIT_S
 
 # Longest name of a file or folder that common file systems hold.
 MAX_PART_BYTES = 255

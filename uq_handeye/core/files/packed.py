@@ -25,7 +25,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..geometry.se3 import Array
-from ..numbers.limits import MAX_TABLE_BYTES
+from ..limits import MAX_TABLE_BYTES
 
 # Fewest numbers of an array, and fewest records of a list, that are written in a compact form.
 MIN_PACKED_NUMBERS, MIN_PACKED_RECORDS = 40, 10

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from functools import lru_cache
 from itertools import combinations
 
-from ..numbers.limits import MAX_LISTED, MAX_NAME_CHARACTERS
+from ..limits import MAX_LISTED, MAX_NAME_CHARACTERS
 
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _FRAMES = {

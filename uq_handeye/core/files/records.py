@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..runtime.read_only import ReadOnlyArrays
+from ..read_only import ReadOnlyArrays
 from .one_line import refused
 from .tree_values import is_list, is_map, is_plain_number, items_of
 

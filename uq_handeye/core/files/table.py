@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..geometry.se3 import Array
-from ..numbers.limits import MAX_ROWS
+from ..limits import MAX_ROWS
 from .lines import NO_VALUE, decoded, is_number, lines_of
 from .one_line import short
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ..numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES
+from ..limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES
 from .lines import decoded
 from .one_line import Words, one_line, refused, short
 from .open import opened, shown

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError, require_one_of
-from ..numbers.rounding import SOLUTION_ROUNDING
+from ..rounding import SOLUTION_ROUNDING
 from .checks import as_transforms, checked_covariance
 from .se3 import Array, block, inverse, inverse_jacobian, left_jacobian, logarithm, skew
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.numbers.rounding import TINY
-from ..numbers.rounding import SOLUTION_ROUNDING
+from ..rounding import SOLUTION_ROUNDING, TINY
 from .se3 import Array
 
 # Determinant over that of the isotropic matrix of equal trace below which LAPACK inverts: cofactors cancel there.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError, NotConvergedError
-from ..numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
+from ..rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from .checks import as_covariance, as_pose, as_transforms, checked_covariance
 from .se3 import Array, block, difference, inverse, inverse_jacobian, left_jacobian, perturb, skew
 

@@ -25,11 +25,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from ...core.numbers.limits import MAX_DRAWN_POINTS
 from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
 from ..geometry.rotations import Rotation
 from ..geometry.se3 import Array
+from ..limits import MAX_DRAWN_POINTS
 from .colours import BLUE, GREEN, ORANGE, SKY
 from .figure_parts import SMALL, NamedFigure, settle_layout
 from .figure_parts import render as render

@@ -23,9 +23,9 @@ from typing import Any
 from markupsafe import Markup
 
 from ..._version import __version__
-from ...core.numbers.limits import MAX_WAIT_S
 from ...errors import InputError, MissingExtraError
 from ..files.atomic import require_writable_file, write_atomically
+from ..limits import MAX_WAIT_S
 from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
 from .html import PAGE, section_html

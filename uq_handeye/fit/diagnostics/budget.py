@@ -8,7 +8,7 @@ combined one and R_kl the covariance of the estimated variances k and l relative
     u_c^2 = sum_k u_k^2,    nu_k = 2 / R_kk,    nu_eff = 2 u_c^4 / sum_kl R_kl u_k^2 u_l^2
 
 which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates are independent, and that of
-`likelihood.reference` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
+`graph.reference` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
 
 Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
 offset estimated from two streams. Type B: noise as given or fixed by a data sheet, shared errors with their priors.
@@ -31,19 +31,19 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.json_values import JsonObject
 from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
+from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.key_text import text_of_source
-from ...model.error_terms.keys import CLOCK_OFFSET, INTRINSICS, MOTION, SIZES_OPEN
-from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import Noise, is_joint, require_count
-from ...model.noise.square_roots import pulled, whiten
-from ...model.posterior.posterior import Posterior
-from ...model.posterior.rows import factor_of
-from ..likelihood.gauss_helmert import Fit
-from ..likelihood.shared_estimates import of_moves
+from ...model.errors.joint_covariance import joint_of
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.key_text import text_of_source
+from ...model.errors.keys import CLOCK_OFFSET, INTRINSICS, MOTION, SIZES_OPEN
+from ...model.errors.models import Noise, is_joint, require_count
+from ...model.errors.noise_estimate import NoiseEstimate
+from ...model.errors.square_roots import pulled, whiten
+from ..graph.gauss_helmert import Fit
+from ..graph.posterior import Posterior
+from ..graph.rows import factor_of
+from ..graph.shared_estimates import of_moves
 from .task_space import _points, by_pose
 
 # A source of a budget: an error, or some that the data cannot separate.

@@ -28,24 +28,24 @@ from collections.abc import Collection
 import numpy as np
 from scipy.special import chdtrc
 
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.rotations import quaternions
 from ...core.geometry.se3 import Array, skew
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import TINY
+from ...core.levels import CONTRADICTED
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ...core.rounding import TINY
 from ...errors import InputError
 from ...findings import Finding
-from ...model.error_terms.key import ErrorKey
-from ...model.error_terms.keys import FOCAL_LENGTH, INTRINSICS, ROBOT_SCALE, TARGET_SCALE
-from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import Noise
-from ...model.noise.square_roots import Factor, inverse_blocks, is_joint, pulled, whiten
+from ...model.errors.joint_covariance import joint_of
+from ...model.errors.key import ErrorKey
+from ...model.errors.keys import FOCAL_LENGTH, INTRINSICS, ROBOT_SCALE, TARGET_SCALE
+from ...model.errors.models import Noise
+from ...model.errors.square_roots import Factor, inverse_blocks, is_joint, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.constraint import covariances_of
-from ..likelihood.gauss_helmert import Fit, corrected
-from ..likelihood.shared_estimates import MIN_EXPLAINED_RATIO
+from ..graph.constraint import covariances_of
+from ..graph.gauss_helmert import Fit, corrected
+from ..graph.shared_estimates import MIN_EXPLAINED_RATIO
 from .residual_patterns import Autocorrelation, residual_tests
 from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, ScaleError, Spectrum
 
@@ -77,7 +77,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     Examples
     --------
     >>> import uq_handeye as uq
-    >>> from uq_handeye.fit.likelihood.gauss_helmert import efficient
+    >>> from uq_handeye.fit.graph.gauss_helmert import efficient
     >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
     >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
     >>> found = diagnose(efficient(poses, noise), poses, noise)

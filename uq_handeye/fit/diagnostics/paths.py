@@ -1,7 +1,7 @@
 r"""Test of the paths of a rig that should agree: which camera or target moved between its views (T18).
 
 A copy of one unknown pose is estimated for some of its views, and its difference d from the pose is tested
-(`likelihood.steps_in_time`), for all errors of the joint model: those that poses share are among the unknowns, and the
+(`graph.steps_in_time`), for all errors of the joint model: those that poses share are among the unknowns, and the
 rows of one robot pose are whitened together. There are two kinds of copies:
 
 - a camera in its views of one target, or a target in the views by one camera: the cycle through the two closes or not;
@@ -41,7 +41,7 @@ from scipy.special import chdtrc
 
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, logarithm, perturb
-from ...core.numbers.levels import DOUBTFUL as RESOLVED
+from ...core.levels import DOUBTFUL as RESOLVED
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding
 from ...model.rig.description import Rig
@@ -49,9 +49,9 @@ from ...model.rig.sentences import path_words
 from ..graph.fit import RigFit, Task, Weights, White, fit
 from ..graph.graph import Graph
 from ..graph.noise import RigNoise
-from ..graph.weights import fit_robustly
-from ..likelihood.robust import largest_by_chance
-from ..likelihood.steps_in_time import (
+from ..graph.request import Request
+from ..graph.robust import largest_by_chance
+from ..graph.steps_in_time import (
     FALSE_FINDING,
     MIN_MOMENTS,
     MIN_RUN,
@@ -60,7 +60,7 @@ from ..likelihood.steps_in_time import (
     largest_step,
     sums_of,
 )
-from ..one_model.request import Request
+from ..graph.weights import fit_robustly
 
 # Two causes cannot be separated where their chi-squares differ by less.
 AS_GOOD_CHI_SQUARE = 6.0

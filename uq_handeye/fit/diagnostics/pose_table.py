@@ -10,18 +10,18 @@ import numpy as np
 from scipy.special import bdtrc, chdtrc, chdtri
 
 from ...core.files.records import Record
-from ...core.formatting.numbers import column
-from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED, DOUBTFUL
-from ...core.numbers.limits import MAX_LISTED
+from ...core.levels import CONTRADICTED, DOUBTFUL
+from ...core.limits import MAX_LISTED
 from ...core.presentation.document import Document, Paragraph, Table, document_of
+from ...core.presentation.numbers import column
 from ...core.presentation.shown import Shown
+from ...core.presentation.units import MM_PER_M
 from ...errors import InputError
 from ...findings import GROSS_EXCESS, Finding, Severity
-from ...model.noise.joint_covariance import joint_of
-from ..likelihood.gauss_helmert import Fit
-from ..likelihood.robust import FULL, RobustFit, is_weak_minority, largest_by_chance, pose_distances
+from ...model.errors.joint_covariance import joint_of
+from ..graph.gauss_helmert import Fit
+from ..graph.robust import FULL, RobustFit, is_weak_minority, largest_by_chance, pose_distances
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import RARE
+from ...core.levels import RARE
 from ...findings import Finding
 
 # An estimate is compared with its prior where the data take away at least this share of the prior variance.

@@ -11,7 +11,7 @@ residuals on the poses is an F test of the columns that the fit has not used up 
 are brought to normal scores by D'Agostino (1970) and by Anscombe and Glynn (1983).
 
 Where poses have errors in common the residuals are those of each pose itself, with the shared errors as unknowns
-(`likelihood.own_residuals`). With a covariance (6n, 6n), row i is the part of pose i that the poses before i do not
+(`graph.own_residuals`). With a covariance (6n, 6n), row i is the part of pose i that the poses before i do not
 predict, which is independent as well where the noise is right. A test that was not run has a ``reason``, and no
 numbers.
 """
@@ -27,14 +27,14 @@ from scipy.special import betainc, chdtrc, ndtr
 from ...core.files.records import Record
 from ...core.geometry.rotations import matrices_of_quaternions, quaternions, vectors
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import SOLUTION_ROUNDING
+from ...core.levels import CONTRADICTED
+from ...core.rounding import SOLUTION_ROUNDING
 from ...findings import Finding
-from ...model.noise.joint_covariance import joint_of
-from ...model.noise.square_roots import gram, is_joint, whiten
+from ...model.errors.joint_covariance import joint_of
+from ...model.errors.square_roots import gram, is_joint, whiten
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.gauss_helmert import Fit
-from ..likelihood.own_residuals import own_residuals
+from ..graph.gauss_helmert import Fit
+from ..graph.own_residuals import own_residuals
 
 # Fewest rows that are tested.
 MIN_ROWS = 8

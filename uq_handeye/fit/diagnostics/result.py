@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ...core.files.records import INFINITE, Record
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED, RARE
+from ...core.levels import CONTRADICTED, RARE
 from ...errors import InputError
 from ...findings import Finding, renumbered, texts
-from ...model.error_terms.key import ErrorKey
-from ...model.error_terms.keys import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
+from ...model.errors.key import ErrorKey
+from ...model.errors.keys import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import Autocorrelation, Normality, Regression
 
 # What a finding holds.

@@ -9,11 +9,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
-from ...core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
-from ...core.numbers.levels import UNUSUAL
+from ...core.levels import UNUSUAL
+from ...core.presentation.numbers import concise, digits, multiple, probability, signed, times_of_noise
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
-from ...model.error_terms.keys import (
+from ...model.errors.keys import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
     PRINCIPAL_POINT,

@@ -27,14 +27,14 @@ from scipy.special import chdtrc, fdtrc
 
 from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.limits import MIN_POSES
+from ...core.levels import CONTRADICTED
+from ...core.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
-from ...model.noise.square_roots import Covariance, cholesky_of, gram, is_joint, pulled, rows_of, whiten
+from ...model.errors.square_roots import Covariance, cholesky_of, gram, is_joint, pulled, rows_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.gauss_helmert import Fit, inverse_information
+from ..graph.gauss_helmert import Fit, inverse_information
 
 # Degrees of freedom of estimated noise below which there is no test: with fewer, most of what is known of the noise is
 # its prior, and the difference of the halves is no part of that.

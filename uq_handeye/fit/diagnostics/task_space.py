@@ -26,16 +26,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.files.records import Record
-from ...core.formatting.numbers import concise, digits
-from ...core.formatting.units import MM_PER_M
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
-from ...core.numbers.limits import MAX_LISTED
-from ...core.numbers.quantiles import radius_holding
+from ...core.limits import MAX_LISTED
 from ...core.presentation.document import Document, Table, document_of
+from ...core.presentation.numbers import concise, digits
 from ...core.presentation.shown import Shown
+from ...core.presentation.units import MM_PER_M
+from ...core.quantiles import radius_holding
 from ...errors import InputError
-from ..likelihood.open_directions import MIN_OPEN_PART
+from ..graph.open_directions import MIN_OPEN_PART
 from .pose_table import MAX_TABLE_ROWS
 
 

@@ -1,6 +1,6 @@
 r"""Maximum likelihood fit of all poses of a graph, with their joint covariance (T18).
 
-The steps are those of Gauss-Helmert, as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
+The steps are those of Gauss-Helmert, as with one camera (`graph.gauss_helmert`), with the rows of a group stacked:
 
     S_k = D_R Sigma_R D_R^T + blkdiag_e(D_C Sigma_C D_C^T),      A = [J, D K],      H = sum_k A^T S^-1 A + P_0
     (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) - K z,      rho = r + D v
@@ -13,7 +13,7 @@ A robust weight w divides the covariance of a camera pose's own noise, or of a r
 group of one edge both are the same, and one weight divides both.
 
 Directions that the data do not determine are those whose information arises from noise of the measured poses in J alone
-(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / MAX_ROTATION_SD_RAD^2``, N summed over
+(`graph.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / MAX_ROTATION_SD_RAD^2``, N summed over
 columns of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
 """
 
@@ -28,17 +28,17 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
-from ...core.numbers.rounding import FIT_ROUNDING
+from ...core.rounding import FIT_ROUNDING
 from ...errors import DegenerateMotionError, NotConvergedError
-from ...model.noise.cholesky import checked_cholesky
-from ...model.noise.models import factor
-from ...model.noise.square_roots import LEAST_WEIGHT
+from ...model.errors.cholesky import checked_cholesky
+from ...model.errors.models import factor
+from ...model.errors.square_roots import LEAST_WEIGHT
 from ...model.rig.description import Rig
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
-from ..likelihood.open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
-from ..one_model.request import Request
+from .gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
 from .graph import VIEWS_TOGETHER, Batch, Graph, Index, Sides, noise_of_cameras, noise_of_robots
 from .noise import RigNoise
+from .open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
+from .request import Request
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
 MAX_STEP_SD = 0.1

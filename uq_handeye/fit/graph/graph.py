@@ -10,7 +10,7 @@ R_<i the rotation of the factors before i, s_i the translation of the product of
     r = (log(R_L R_Q^T), t_L - t_Q),      dr = sum over L of D_i xi_i - sum over Q of D_i xi_i
 
 which holds where r = 0. For the robot poses and bases of Q the lever ``R_i s_i`` is taken from the left side,
-``t_L`` minus the origin of the factor's frame: the same where r = 0, and as `likelihood.constraint` has it for
+``t_L`` minus the origin of the factor's frame: the same where r = 0, and as `graph.constraint` has it for
 eye-to-hand. Of one camera and one target, J and D are those of that module, its rows rotated by the robot pose for
 eye-to-hand, which changes no estimate.
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import INTRINSICS, SCENE_EXCESS, SCENE_FEATURES, TARGET_SCALE
-from ...model.error_terms.sizes import SIZES, Size
-from ...model.error_terms.term import ErrorTerm
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.keys import INTRINSICS, SCENE_EXCESS, SCENE_FEATURES, TARGET_SCALE
+from ...model.errors.sizes import SIZES, Size
+from ...model.errors.term import ErrorTerm
 from ...model.kinematics.arm_terms import terms_of_arm
 from ...model.rig.description import Rig
 from ...model.rig.noise_by_name import NoiseByName, by_name, covariance_of

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, perturb
 from ...errors import NotConvergedError
-from ...model.error_terms.key import ErrorKey, Kind, Owner
-from ...model.error_terms.keys import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
-from ...model.error_terms.sizes import SIZES, Size
-from ...model.error_terms.term import ErrorTerm
+from ...model.errors.key import ErrorKey, Kind, Owner
+from ...model.errors.keys import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
+from ...model.errors.sizes import SIZES, Size
+from ...model.errors.term import ErrorTerm
 from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import ArmPoses, Rig
 from ...model.shared_errors.assumed import assumed_accuracy, assumed_lens, assumed_outline, assumed_view
@@ -40,14 +40,14 @@ from ...model.shared_errors.view import (
     target_centre,
     view_block,
 )
-from ..one_model.declared import Errors, declared_of, further_errors, with_declared
-from ..one_model.engine import LatentModel, Rows
-from ..one_model.integration import Mixture, integrate
-from ..one_model.mode import GAIN, find_mode
-from ..one_model.request import Request
+from .declared import Errors, declared_of, further_errors, with_declared
+from .engine import LatentModel, Rows
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
+from .integration import Mixture, integrate
+from .mode import GAIN, find_mode
 from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, scene_components
+from .request import Request
 
 # Cameras differ from their common median by this factor (1 sigma of the logarithm).
 CAMERA_SPREAD_FACTOR = 2.0

@@ -30,12 +30,12 @@ from scipy.linalg import eigh
 
 from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.limits import OUTLIER_MEDIANS
+from ...core.limits import OUTLIER_MEDIANS
 from ...errors import DegenerateMotionError, InputError
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.constraint import OnPoses
-from ..likelihood.starts import sound_start
+from .constraint import OnPoses
 from .graph import VIEWS_TOGETHER, Graph
+from .starts import sound_start
 
 # The linear problem determines the rotations where its second eigenvalue, relative to the mean, is above this.
 MIN_ROTATION_GAP = 1e-4

@@ -7,7 +7,7 @@ of covariance Sigma that is tested (of a camera pose or a robot pose),
     mu, V = eigen(L^T D^T P D L),   Sigma = L L^T,     d^2 = sum (V^T L^T D^T g)^2 / (mu (1 - mu (1/w - 1)))
 
 is the square distance between the pose as measured and as everything else predicts it: chi-square with 6 degrees of
-freedom for a good one, whatever its weight w (`likelihood.robust`). In a group of one edge the two cannot be separated:
+freedom for a good one, whatever its weight w (`graph.robust`). In a group of one edge the two cannot be separated:
 the edge is tested by all of its rows. Where both are suspect in a group of several edges, the robot pose is
 down-weighted if it explains more than the worst edge does, as its error affects all of them.
 """
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
-from ...model.noise.models import factor
-from ...model.noise.square_roots import LEAST_WEIGHT
-from ..likelihood.robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights, scale_guard
+from ...model.errors.models import factor
+from ...model.errors.square_roots import LEAST_WEIGHT
 from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Weights, fit
 from .graph import Graph
 from .noise import RigNoise
+from .robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights, scale_guard
 
 # Robust weights have converged where none of them changes by more.
 MAX_SETTLED_CHANGE = 0.01

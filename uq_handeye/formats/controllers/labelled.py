@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
+from ...core.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ...errors import InputError
 from ..contents import Contents
 from ..number_table import MAX_HEAD_LINES, NUMBER

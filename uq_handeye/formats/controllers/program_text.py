@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.files.lines import floats
-from ...core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
+from ...core.limits import MAX_NAME_CHARACTERS, MAX_ROWS
 from ...errors import InputError, InputWarning
 from ..contents import Contents, Side
 from ..number_table import NUMBER

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_PLAIN_ANGLE_RAD
+from ...core.limits import MAX_PLAIN_ANGLE_RAD
 from ...errors import InputError
 from ..contents import Contents, Reading, Side
 from ..rotations import rotation_form

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from ...core.files.lines import floats
 from ...core.files.trees import is_json
-from ...core.numbers.limits import HEAD_BYTES
+from ...core.limits import HEAD_BYTES
 from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
 from ..csv_poses import is_csv_header

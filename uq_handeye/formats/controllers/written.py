@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import LENGTH_UNITS
 from ...errors import InputError
 from ..rotations import rotation_form
 from .forms import CONTROLLERS, PoseForm

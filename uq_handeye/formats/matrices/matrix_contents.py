@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ..contents import Contents, matrices_side
 from .layout import TableMatrices

@@ -15,7 +15,7 @@ import numpy as np
 from ...core.files.folders import natural
 from ...core.files.tree_values import Tree, fields_of, got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_ROWS
+from ...core.limits import MAX_ROWS
 from ...errors import InputError
 from ..contents import Contents
 from .arrays import is_poses, side_of_array

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.files.one_line import short
 from ...core.files.table import name_and_unit
-from ...core.formatting.units import LENGTH_UNITS
+from ...core.presentation.units import LENGTH_UNITS
 from ...errors import InputError
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.files.trees import is_json
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import HEAD_BYTES, MIN_POSES
+from ...core.limits import HEAD_BYTES, MIN_POSES
 from ...errors import InputError
 from ..contents import Contents
 from .layout import COUNTS, MAX_NUMBERS_BEFORE, fitting, matrices_in

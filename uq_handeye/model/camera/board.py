@@ -17,9 +17,9 @@ import numpy as np
 
 from ...core.files.open import StrPath
 from ...core.files.source import Source
-from ...core.formatting.units import MM_PER_M
-from ...core.numbers.limits import MAX_LISTED
-from ...core.runtime.progress import progress_bar
+from ...core.limits import MAX_LISTED
+from ...core.presentation.units import MM_PER_M
+from ...core.progress import progress_bar
 from ...errors import InputError, InputWarning, require_type
 from .charuco import charuco_finder
 from .chessboard import chessboard_finder, in_small, shown_size

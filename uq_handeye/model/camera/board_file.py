@@ -20,9 +20,9 @@ import numpy as np
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, read_table
-from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES
+from ...core.presentation.units import LENGTH_UNITS
 from ...errors import InputError
 from ...formats.columns import meaning_and_unit
 from .board_shape import MEASURED, BoardShape

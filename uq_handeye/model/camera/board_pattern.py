@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.levels import CONTRADICTED
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
 from .adjustment.bundle import Bundle, Sight
 from .adjustment.variable_projection import reduced

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...errors import InputError
 from .measured_board import MeasuredBoard, board_axes
 

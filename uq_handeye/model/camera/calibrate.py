@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED, UNUSUAL
-from ...core.numbers.limits import MAX_FOCAL_SD_SHARE, MIN_POSES
+from ...core.levels import CONTRADICTED, UNUSUAL
+from ...core.limits import MAX_FOCAL_SD_SHARE, MIN_POSES
 from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias

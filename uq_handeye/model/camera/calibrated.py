@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, skew
-from ...core.numbers.levels import CONTRADICTED
+from ...core.levels import CONTRADICTED
 from ...errors import InputError
 from ...findings import Finding, texts
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
 from .adjustment.bundle import Bundle, response_ahead
 from .adjustment.criterion import Candidate
 from .board_pattern import BoardPattern, board_pattern_of

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_ROWS
+from ...core.limits import MAX_ROWS
 from ...errors import InputError
 
 # The pose of a picture needs four corners.

@@ -18,9 +18,9 @@ from ...core.files.csv_text import csv_text, plain_text
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, in_order, name_and_unit, read_table, rows_are_numbers
-from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_PLAIN_LENGTH_M, MAX_TABLE_BYTES
+from ...core.limits import MAX_PLAIN_LENGTH_M, MAX_TABLE_BYTES
+from ...core.presentation.units import LENGTH_UNITS
 from ...errors import InputError, InputWarning
 from ...formats.contents import require_units
 from .corners import Corners

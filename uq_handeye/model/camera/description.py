@@ -32,8 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.files.one_line import short
-from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import parse_length
 from ...errors import InputError, require_integer
 from .dictionaries import dictionary_name
 

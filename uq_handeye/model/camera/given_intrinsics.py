@@ -39,8 +39,8 @@ import numpy as np
 from scipy.special import chdtrc, erfc, ndtri
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_LEFT_SHARE
-from ...core.numbers.rounding import SOLUTION_ROUNDING
+from ...core.limits import MAX_LEFT_SHARE
+from ...core.rounding import SOLUTION_ROUNDING
 from ...findings import Finding, Severity
 from .adjustment.bundle import Bundle, Sight
 from .adjustment.setting import Known
@@ -48,7 +48,7 @@ from .corners import Corners
 from .models import LINEAR, MODELS
 
 # Standard deviation of focal lengths and centre that are given without one, in focal lengths: that of the shared errors
-# of finished poses (`model.error_terms.sizes`).
+# of finished poses (`model.errors.sizes`).
 DEFAULT_SD_SHARE = 1e-3
 # Standard deviations from which on a contradiction is a caution, and from which on X is not usable.
 CAUTION_SD, FAILURE_SD = 3.0, 5.0

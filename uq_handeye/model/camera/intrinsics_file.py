@@ -14,10 +14,10 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
 from ...core.files.trees import parse_toml, parse_tree
-from ...core.formatting.numbers import Snippet
-from ...core.formatting.numbers import short as short_number
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES
+from ...core.presentation.numbers import Snippet
+from ...core.presentation.numbers import short as short_number
 from ...errors import InputError
 from ...formats.opencv_storage import matrix_lines, stack, yaml_number
 from .calibrated import Calibrated

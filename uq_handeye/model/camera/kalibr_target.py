@@ -12,7 +12,7 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import is_map, number
 from ...core.files.trees import parse_tree
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError
 from .description import Board
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from ...core.files.folders import natural
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.patterns import matching
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture

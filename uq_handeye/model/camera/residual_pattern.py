@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.levels import CONTRADICTED
+from ...core.read_only import ReadOnlyArrays
 from .adjustment.bundle import Bundle
 from .corners import Corners
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...core.formatting.numbers import concise, digits, probability
-from ...core.formatting.units import DEG_PER_RAD as DEG
+from ...core.presentation.numbers import concise, digits, probability
+from ...core.presentation.units import DEG_PER_RAD as DEG
 from ...findings import CAMERA, sentence
 
 

@@ -17,7 +17,7 @@ from ...core.files.records import array_of
 from ...core.files.tree_values import fields_of, got, is_list, item, number, vector
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
 from ...formats.command_folder import arrays_in, description_in, fields_of_format, folder_of_command

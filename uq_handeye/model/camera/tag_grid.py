@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import IMPOSSIBLE
+from ...core.levels import IMPOSSIBLE
+from ...core.presentation.units import MM_PER_M
 from .adjustment.opencv import opencv
 from .description import MAX_GAP_SIDES, Board
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...core.numbers.limits import MAX_NAMED
+from ...core.limits import MAX_NAMED
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture
 from .description import Board

@@ -26,8 +26,8 @@ from ...core.files.json_values import JsonObject
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, inverse, logarithm
-from ...core.numbers.limits import MIN_POSES_FOR_ROBUST, MIN_POSES_TO_DECIDE
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.limits import MIN_POSES_FOR_ROBUST, MIN_POSES_TO_DECIDE
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding
 from .forward import LEVER_M

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from itertools import compress
 
-from ..error_terms.key import ErrorKey, Owner
-from ..error_terms.keys import JOINT_NOISE
-from ..error_terms.sizes import SIZES, Size
-from ..error_terms.term import ErrorTerm
+from ..errors.key import ErrorKey, Owner
+from ..errors.keys import JOINT_NOISE
+from ..errors.sizes import SIZES, Size
+from ..errors.term import ErrorTerm
 from .errors import LENGTHS
 from .kinematic_errors import DECLARED, KinematicColumns
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
+from ...core.presentation.numbers import digits
 from ...errors import InputError
-from .arms.newton import postures_at
 from .chain import Kinematics
+from .newton import postures_at
 
 # Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
 MIN_REACHED_SHARE = 0.6
@@ -19,7 +19,7 @@ def joints_by_poses(kinematics: Kinematics, robot: Array) -> Array:
 
     Raises `InputError` where the arm does not reach the poses.
     """
-    from .arms.postures import postures_by_branch  # its table of arms takes a while
+    from .postures import postures_by_branch  # its table of arms takes a while
 
     found = postures_by_branch(kinematics, robot)
     if found.reached.mean() >= MIN_REACHED_SHARE:  # another branch for the others: their errors are much the same

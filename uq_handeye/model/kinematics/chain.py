@@ -30,14 +30,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.json_values import JsonObject
 from ...core.files.open import StrPath
-from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, left_jacobian
-from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.presentation.units import parse_angle, parse_length
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
 from ...errors import InputError, require_known
-from ..noise.joint_covariance import JointCovariance
-from .arms.known_arms import arm_names, known_arm
+from ..errors.joint_covariance import JointCovariance
 from .descriptions.dh import read_dh
 from .descriptions.mjcf import read_mjcf
 from .descriptions.universal_robots import read_ur_calibration
@@ -69,6 +68,7 @@ from .forward import (
 )
 from .joint import MAX_JOINTS, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
 from .joint import Joint as Joint
+from .known_arms import arm_names, known_arm
 
 # Number of postures that are computed together: their frames fit the cache.
 POSTURES_PER_BLOCK = 256

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..error_terms.key import ErrorKey, Kind
-from ..error_terms.keys import ARM
+from ..errors.key import ErrorKey, Kind
+from ..errors.keys import ARM
 from .joint import Joint
 
 OFFSETS, TILTS, LENGTHS, TRANSMISSION, SAG = GROUPS = tuple(key.kind for key in ARM)

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of, plain
 from ...core.files.tree_values import is_list, is_map
-from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_NAME_CHARACTERS
-from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.limits import MAX_NAME_CHARACTERS
+from ...core.presentation.units import ANGLE_UNITS, LENGTH_UNITS
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
 from ...errors import InputError, InputWarning
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"

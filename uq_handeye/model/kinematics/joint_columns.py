@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 from ...core.files.one_line import short
 from ...core.files.table import name_and_unit
-from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
-from ...core.numbers.limits import MAX_NAME_CHARACTERS
+from ...core.limits import MAX_NAME_CHARACTERS
+from ...core.presentation.units import ANGLE_UNITS, LENGTH_UNITS
 from ...errors import InputError
-from .arms.known_arms import maker_of
 from .descriptions.urdf import nearest
 from .joint import REVOLUTE
+from .known_arms import maker_of
 
 Column = tuple[int, str | None]  # number and the unit that its name says
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING
-from .arms.known_arms import arm_names, known_arm, maker_of
+from ...core.rounding import CHAIN_ROUNDING
+from .known_arms import arm_names, known_arm, maker_of
 from .lerobot import MAX_SHARE
 
 if TYPE_CHECKING:

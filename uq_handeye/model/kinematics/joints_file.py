@@ -32,10 +32,10 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, require_size, shown
 from ...core.files.table import Places, Schema, Table, read_table, rows_are_numbers
 from ...core.files.tree_values import fields_of, items_of
-from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate, repeats_note, rows_once
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_LINE_CHARACTERS, MAX_LISTED, MAX_TABLE_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES, MAX_LINE_CHARACTERS, MAX_LISTED, MAX_TABLE_BYTES
+from ...core.presentation.units import ANGLE_UNITS, LENGTH_UNITS
 from ...errors import InputError, InputWarning
 from ...formats.columns import SECONDS, meaning_and_unit
 from ...formats.echoed_messages import messages_of

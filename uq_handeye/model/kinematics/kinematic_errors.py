@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import parse_angle, parse_length
 from ...errors import InputError
-from ..error_terms.key import ErrorKey, Kind, Owner
-from ..noise.joint_covariance import Index
+from ..errors.joint_covariance import Index
+from ..errors.key import ErrorKey, Kind, Owner
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
 from .forward import LEVER_M

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...core.formatting.numbers import digits
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ...core.presentation.numbers import digits
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...findings import INPUT, sentence
 
 # What would explain poses that seem to be of another arm, and what to do about it.

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.geometry.se3 import Array, perturb, skew
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.rounding import CHAIN_ROUNDING
 from .chain import Kinematics
 from .forward import LEVER_M, spread_postures
 

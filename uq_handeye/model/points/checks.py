@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ...core.formatting.units import LENGTH_UNITS, MM_PER_M
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import RARE
-from ...core.numbers.limits import MAX_NAMED
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
+from ...core.levels import RARE
+from ...core.limits import MAX_NAMED
+from ...core.presentation.units import LENGTH_UNITS, MM_PER_M
+from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
 from ...findings import Finding
 from .closed_form import kabsch, placed, sums

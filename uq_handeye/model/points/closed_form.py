@@ -15,8 +15,8 @@ from scipy.ndimage import median
 
 from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MIN_POSES_FOR_ROBUST, OUTLIER_MEDIANS
-from ...core.numbers.rounding import TINY
+from ...core.limits import MIN_POSES_FOR_ROBUST, OUTLIER_MEDIANS
+from ...core.rounding import TINY
 
 
 def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:

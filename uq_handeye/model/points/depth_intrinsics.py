@@ -21,8 +21,8 @@ from ...errors import InputError
 from ...findings import Finding
 from ..camera.given_intrinsics import GivenIntrinsics, GivenTest, finding_of
 from ..camera.models import LINEAR
-from ..error_terms.keys import INTRINSICS
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
+from ..errors.keys import INTRINSICS
 from .closed_form import sums
 from .least_squares import Fit
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from ...errors import InputError
 from ...findings import Finding, warn
 from ..camera.adjustment.setting import Known
 from ..camera.given_intrinsics import GivenIntrinsics, with_default_deviations
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
 from .checks import noise_findings, require_scale, target_findings
 from .closed_form import consensus, placed, sums
 from .depth_intrinsics import with_intrinsics

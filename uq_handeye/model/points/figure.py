@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DRAWN_POINTS
+from ...core.limits import MAX_DRAWN_POINTS
 from ...core.presentation.colours import BLUE, GRID, INK, ORANGE
 from ...core.presentation.figure_parts import SMALL, TEXT, NamedFigure, canvas, finished, plain
+from ...core.presentation.numbers import fixed
 from .posed import Posed
 
 

@@ -34,10 +34,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array, perturb, skew
-from ...core.numbers.iterations import MAX_STEPS
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
+from ...core.iterations import MAX_STEPS
+from ...core.presentation.units import parse_length
+from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError, NotConvergedError
 from .closed_form import placed, sums
 

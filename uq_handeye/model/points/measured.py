@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.files.one_line import short
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_NAME_CHARACTERS
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.limits import MAX_NAME_CHARACTERS
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 
 # No robot cell is as large: a larger coordinate is a reading error or in another unit.

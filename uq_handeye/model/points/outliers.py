@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import TINY
+from ...core.levels import CONTRADICTED
+from ...core.rounding import TINY
 from .closed_form import placed
 from .least_squares import Fit, Matches, by_direction, fit, median_variances, sight_lines, split_squares
 

@@ -26,7 +26,7 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, read_table
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.columns import meaning_and_unit
 from ...formats.contents import require_units

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import TINY
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import TINY
 from ...errors import InputError
 from ...findings import Finding, texts
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
 from .closed_form import placed
 from .least_squares import sight_lines
 from .measured import PointSet, Target

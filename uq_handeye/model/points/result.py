@@ -21,16 +21,16 @@ from ...core.files.tree_values import fields_of, items_of
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_TABLE_BYTES
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.limits import MAX_TABLE_BYTES
 from ...core.presentation.document import to_text
 from ...core.presentation.html import to_html
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
 from ...formats.command_folder import arrays_in, description_in, folder_of_command
 from ...formats.csv_poses import pose_text, read_pose_file
-from ..error_terms.keys import INTRINSICS
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
+from ..errors.keys import INTRINSICS
 from .point_file import read_points, read_target
 from .posed import Posed
 from .text import points_document

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ...core.formatting.numbers import concise, digits, multiple, probability
-from ...core.formatting.units import MM_PER_M
-from ...core.numbers.limits import MAX_LISTED, MAX_NAMED
+from ...core.limits import MAX_LISTED, MAX_NAMED
+from ...core.presentation.numbers import concise, digits, multiple, probability
+from ...core.presentation.units import MM_PER_M
 from ...findings import CAMERA, sentence
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, fixed
-from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, skew
-from ...core.numbers.limits import MAX_LISTED, MAX_NAMED
+from ...core.limits import MAX_LISTED, MAX_NAMED
 from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
-from ..noise.models import marginals
+from ...core.presentation.numbers import concise, fixed
+from ...core.presentation.units import MM_PER_M
+from ..errors.models import marginals
 from .posed import Posed
 
 

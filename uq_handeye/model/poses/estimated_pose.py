@@ -9,9 +9,9 @@ import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of, damaged
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.presentation.numbers import digits
+from ...core.read_only import ReadOnlyArrays
 
 NO_ROWS = np.zeros((0, 6))
 

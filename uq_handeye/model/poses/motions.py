@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, inverse
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError, require_type
-from ..noise.joint_covariance import Index
+from ..errors.joint_covariance import Index
 from .pose_pairs import PosePairs
 
 

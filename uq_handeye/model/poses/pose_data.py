@@ -15,7 +15,7 @@ from ...core.files.source import Source
 from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..noise.joint_covariance import JointCovariance
+from ..errors.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
 from .pose_pairs import NAMES, Names, PosePairs
 from .scene_facts import SceneFacts

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.numbers.limits import MIN_POSES
+from ...core.limits import MIN_POSES
 from ...errors import InputError
 
 _RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")

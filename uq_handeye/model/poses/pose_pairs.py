@@ -27,10 +27,10 @@ from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
 from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse
-from ...core.runtime.read_only import read_only
+from ...core.read_only import read_only
 from ...errors import InputError, require_one_of
 from ...findings import Finding
-from ..noise.joint_covariance import Index, JointCovariance
+from ..errors.joint_covariance import Index, JointCovariance
 from .scene_facts import SceneFacts
 from .timing import Timing
 

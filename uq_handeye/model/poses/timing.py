@@ -12,7 +12,7 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding, warn
-from ..noise.joint_covariance import Index
+from ..errors.joint_covariance import Index
 
 SIDES = ("robot", "camera")
 # Streams are not interpolated across gaps of more median intervals than this.

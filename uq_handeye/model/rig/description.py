@@ -24,14 +24,14 @@ from ...core.files.one_line import require_name
 from ...core.files.tree_values import is_plain_number
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array, logarithm
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError, require_type
+from ..errors.pose_prior import PosePrior
 from ..kinematics.against_controller import compare_with_controller
-from ..kinematics.arms.newton import postures_at
 from ..kinematics.by_poses import joints_by_poses
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import KinematicErrors
-from ..noise.pose_prior import PosePrior
+from ..kinematics.newton import postures_at
 
 # Robot poses of one name that differ by more (rad, m) are two poses.
 MAX_SAME_POSE = 1e-4

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from ...core.files.json_values import Json
 from ...core.files.records import plain
-from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import parse_deviations
 from ...errors import InputError, require_type
-from ..noise.models import PoseNoise
+from ..errors.models import PoseNoise
 from .description import Rig
 
 EXACT = "exact"

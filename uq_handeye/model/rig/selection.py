@@ -6,7 +6,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ...core.numbers.limits import MIN_POSES
+from ...core.limits import MIN_POSES
 from ...errors import InputError
 from ...findings import Finding
 from ..poses.pose_numbers import numbers_of

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...core.formatting.numbers import concise, probability
+from ...core.presentation.numbers import concise, probability
 from ...findings import INPUT, RESIDUALS, Finding, Values, sentence
 from .description import later_name
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise
+from ..errors.joint_covariance import JointCovariance
+from ..errors.models import PoseNoise
 from ..poses.pose_pairs import Names, PosePairs
 from .description import WORLD, ArmPoses, Rig, View
 from .noise_by_name import NoiseByName, by_name, covariance_of

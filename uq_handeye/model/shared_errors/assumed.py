@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ..error_terms.key import ErrorKey, Owner
-from ..error_terms.keys import (
+from ..errors.key import ErrorKey, Owner
+from ..errors.keys import (
     DRIFTS,
     FOCAL_LENGTH,
     LENS,
@@ -31,7 +31,7 @@ from ..error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
-from ..error_terms.sizes import CLASSES, SIZES
+from ..errors.sizes import CLASSES, SIZES
 from ..poses.pose_pairs import PosePairs
 from .shared_error import SharedError, of_intrinsics, population_error, the_same, unbound
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale

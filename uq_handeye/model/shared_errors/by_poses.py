@@ -16,9 +16,9 @@ import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
-from ..error_terms.key import ErrorKey
-from ..noise.joint_covariance import JointCovariance
+from ...core.read_only import ReadOnlyArrays
+from ..errors.joint_covariance import JointCovariance
+from ..errors.key import ErrorKey
 from ..poses.pose_pairs import PosePairs
 from .assumed import assumed_drift, bound_again, error_by_number
 from .shared_error import SharedError

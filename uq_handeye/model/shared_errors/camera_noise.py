@@ -35,15 +35,15 @@ from numpy.typing import ArrayLike
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, skew
-from ...core.numbers.rounding import SOLUTION_ROUNDING
+from ...core.rounding import SOLUTION_ROUNDING
 from ...errors import InputError
 from ..camera.description import spacing_of
 from ..camera.known_intrinsics import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
-from ..error_terms.keys import FOCAL_LENGTH, INTRINSICS, PRINCIPAL_POINT
-from ..noise.camera_noise import CameraNoise, checked_pixels
-from ..noise.joint_covariance import JointCovariance
+from ..errors.camera_noise import CameraNoise, checked_pixels
+from ..errors.joint_covariance import JointCovariance
+from ..errors.keys import FOCAL_LENGTH, INTRINSICS, PRINCIPAL_POINT
 from ..poses.pose_pairs import PosePairs
 from .shared_error import DEFAULT_SD
 

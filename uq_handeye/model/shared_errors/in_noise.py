@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..error_terms.key import ErrorKey, Kind, Owner
+from ..errors.joint_covariance import JointCovariance
+from ..errors.key import ErrorKey, Kind, Owner
+from ..errors.models import PoseNoise, is_joint, require_count
 from ..kinematics.errors import LENGTHS
 from ..kinematics.kinematic_errors import DECLARED_AS, KinematicColumns
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .shared_error import SharedError, the_same

@@ -38,10 +38,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
-from ..kinematics.arms.known_arms import known_arm
-from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
-from ..kinematics.arms.work_postures import WorkPostures
+from ...core.read_only import ReadOnlyArrays
+from ..kinematics.known_arms import known_arm
+from ..kinematics.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
+from ..kinematics.work_postures import WorkPostures
 from ..kinematics.workspace_gauge import twists
 
 ARMS: tuple[str, ...] = (

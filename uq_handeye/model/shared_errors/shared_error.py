@@ -36,15 +36,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.json_values import JsonObject
-from ...core.formatting.numbers import digits
-from ...core.formatting.units import parse_angle, parse_length, parse_ratio, parse_time
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.presentation.numbers import digits
+from ...core.presentation.units import parse_angle, parse_length, parse_ratio, parse_time
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..error_terms.key import ErrorKey, Kind, Owner
-from ..error_terms.keys import (
+from ..errors.key import ErrorKey, Kind, Owner
+from ..errors.keys import (
     CAMERA_SCALE,
     CLOCK_OFFSET,
     FOCAL_LENGTH,
@@ -57,7 +57,7 @@ from ..error_terms.keys import (
     TARGET_SCALE,
     VIEW,
 )
-from ..error_terms.sizes import SIZES, RobotAccuracy, Size, stated_accuracy
+from ..errors.sizes import SIZES, RobotAccuracy, Size, stated_accuracy
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .view import intrinsics_columns, median_distance, target_centre

@@ -28,10 +28,10 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import is_list, is_map
 from ...core.files.trees import parse_toml
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from ...formats.numpy_poses import read_one_array
-from ..noise.noise_toml import SHARED
+from ..errors.noise_toml import SHARED
 from .shared_error import SharedError
 
 KEYS = ("focal_length", "principal_point", "target_scale", "robot_scale", "clock_offset", "robot_accuracy")

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry.se3 import Array, inverse, skew
-from ..error_terms.key import ErrorKey, Kind
-from ..error_terms.keys import WALKS
-from ..error_terms.sizes import SIZES
+from ..errors.key import ErrorKey, Kind
+from ..errors.keys import WALKS
+from ..errors.sizes import SIZES
 from ..poses.pose_pairs import PosePairs
 from .shared_error import SharedError, the_same
 

@@ -20,7 +20,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
 from ...formats.detect import read_contents
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.errors.joint_covariance import JointCovariance
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
 from ..known_camera import known_camera
 from ..pairing_by_time import nearest

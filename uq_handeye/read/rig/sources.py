@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import parse_length
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.mjcf import is_mjcf

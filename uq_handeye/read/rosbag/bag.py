@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ...core.files.one_line import one_line, refused
 from ...core.files.open import reason, require_size, shown
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_MESSAGE_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES, MAX_MESSAGE_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
 from .decompression import DamagedError, bound_the_reader

@@ -16,7 +16,7 @@ from functools import cache, partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, BinaryIO, Protocol
 
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

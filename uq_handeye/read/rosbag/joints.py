@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ...core.files.csv_text import csv_text
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from .track import Samples
 
 

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
+from ...core.presentation.numbers import digits
 from ...errors import InputError
 from ...model.camera.adjustment.two_minima import both_minima
 from ...model.camera.corners import Corners

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from ...core.files.json_values import JsonObject
-from ...core.formatting.numbers import digits
-from ...core.numbers.limits import MAX_PRINTED_ROWS
+from ...core.limits import MAX_PRINTED_ROWS
 from ...core.presentation.html import macros
+from ...core.presentation.numbers import digits
 from .guess import CAMERA_PLACEHOLDER, ROBOT_PLACEHOLDER, Guess, guess
 from .joints import JointTrack
 from .recording import Recording

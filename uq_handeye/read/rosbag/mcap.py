@@ -21,7 +21,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.limits import MAX_DESCRIPTION_BYTES
 from .decompression import MAX_CHUNK_BYTES, TOO_LARGE, DamagedError, decompressors
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"

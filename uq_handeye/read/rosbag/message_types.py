@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...core.files.trees import parse_toml, parse_tree
-from ...core.numbers.limits import MAX_MESSAGE_BYTES
+from ...core.limits import MAX_MESSAGE_BYTES
 from ...formats.ros_messages import printed_name
 from .decompression import DamagedError
 from .mcap import McapChannel

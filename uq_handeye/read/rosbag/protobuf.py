@@ -13,7 +13,7 @@ from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
 from ...core.files.trees import MAX_DEPTH
-from ...core.numbers.limits import MAX_LISTED, MAX_MESSAGE_BYTES
+from ...core.limits import MAX_LISTED, MAX_MESSAGE_BYTES
 from .decompression import DamagedError
 
 Decoded: TypeAlias = dict[str, "Value"]

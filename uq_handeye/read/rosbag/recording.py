@@ -11,7 +11,7 @@ from pathlib import Path
 from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from ...formats.ros_messages import MessageError, number, pair_text, part, poses_in, printed_name, when_and_where
 from ...formats.ros_topic import is_ros_topic, records_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MIN_POSES
+from ...core.limits import MIN_POSES
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...findings import Finding
 from ...formats.contents import Side

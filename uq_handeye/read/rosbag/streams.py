@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ...core.files.open import StrPath
-from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import inverse
 from ...core.geometry.uncertain_poses import covariance_of_inverse
+from ...core.presentation.units import parse_length
 from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text

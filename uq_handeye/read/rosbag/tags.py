@@ -8,7 +8,7 @@ tags), cameras are calibrated with (0, 0): half a pixel is subtracted. Both orde
 y up, z towards the camera.
 
 The pose of a small tag has two solutions that fit its corners nearly as well. Both are kept, and `decide_stream` takes
-the one that agrees with the robot and the other poses, as for pictures (`input_checks.pose_ambiguity`).
+the one that agrees with the robot and the other poses, as for pictures (`diagnostics.pose_ambiguity`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ...core.limits import MIN_POSES_FOR_ROBUST
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.input_checks.pose_ambiguity import decide
+from ...fit.diagnostics.pose_ambiguity import decide
 from ...formats.ros_messages import MessageError, number, part
 from ...model.camera.adjustment.bundle import Bundle, BundleUnknowns, adjust
 from ...model.camera.adjustment.initial_guess import poses_of

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.conventions import CovarianceReading
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_LISTED, MAX_ROWS
+from ...core.limits import MAX_LISTED, MAX_ROWS
 from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
 from ...formats.ros_messages import Stamped

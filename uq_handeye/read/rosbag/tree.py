@@ -17,7 +17,7 @@ from functools import reduce
 import numpy as np
 
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from ...errors import InputError
 from ...formats.ros_messages import pair_text
 from ...model.poses.timing import MAX_GAP_INTERVALS

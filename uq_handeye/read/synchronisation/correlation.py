@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from ...core.geometry.se3 import Array, logarithm
-from ...core.numbers.levels import RARE
+from ...core.levels import RARE
 from ...errors import InputError
 from .interpolation import at_times
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ...core.formatting.numbers import concise, digits
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
-from ...core.numbers.limits import MAX_LISTED
+from ...core.limits import MAX_LISTED
 from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, document_of
+from ...core.presentation.numbers import concise, digits
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from .result import Synchronised
 
 NAMES = {"so4": "on SO(4), (37)-(38)", "geodesic": "along the geodesic of SE(3)"}

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.formatting.numbers import digits
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DRAWN_POINTS
-from ...core.numbers.rounding import TINY
+from ...core.limits import MAX_DRAWN_POINTS
 from ...core.presentation.colours import BLUE, ORANGE
+from ...core.presentation.numbers import digits
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
+from ...core.rounding import TINY
 from .correlation import Correlation
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ and ``w R_i + (1 - w) R_(i+1) = R P`` with the symmetric ``P = n n^T + rho (I - 
     t = R (I + P)^-1 (R^T m + p),    m = w t_i + (1 - w) t_(i+1),    p = w R_i^T t_i + (1 - w) R_(i+1)^T t_(i+1)
 
 the mean of what linear interpolation gives in the one frame and in the other. At finite d (``scale``) the polar factor
-is taken by SVD (`procrustes.orthonormalise`); the two agree to |t|^2/d^2.
+is taken by SVD (`nearest_rotation.orthonormalise`); the two agree to |t|^2/d^2.
 
 **geodesic.** The screw motion from one sample to the other, ``T_i exp((1 - w) log(T_i^-1 T_(i+1)))``. (Not the geodesic
 of a metric that separates rotation and translation, which is slerp with a straight line: that depends on the frame in
@@ -46,7 +46,7 @@ from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ...errors import InputError, require_one_of
-from ...methods.procrustes.scaled import check_scale, se3_from_so4, so4_from_se3
+from ...methods.scaled import check_scale, se3_from_so4, so4_from_se3
 
 KINDS = ("so4", "geodesic")
 # The largest rotation (rad) between neighbouring samples: near half a turn either way round is possible.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...model.noise.models import PoseNoise
+from ...model.errors.models import PoseNoise
 from .interpolation import Interpolated, at_times
 
 

@@ -30,16 +30,16 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import HALF_DIGITS, SOLUTION_ROUNDING
+from ...core.levels import CONTRADICTED
+from ...core.rounding import HALF_DIGITS, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.likelihood.consensus import NO_WEIGHT, consensus, misfit, residual_noise, robust_variance
-from ...fit.likelihood.constraint import OnPoses, Unknowns
-from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
-from ...fit.likelihood.robust import FULL, pose_distances, robust_weights
-from ...fit.one_model.noise_of_data import estimate_noise
-from ...model.noise.models import PoseNoise, marginals
-from ...model.noise.square_roots import gram, whiten
+from ...fit.graph.consensus import NO_WEIGHT, consensus, misfit, residual_noise, robust_variance
+from ...fit.graph.constraint import OnPoses, Unknowns
+from ...fit.graph.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
+from ...fit.graph.noise_of_data import estimate_noise
+from ...fit.graph.robust import FULL, pose_distances, robust_weights
+from ...model.errors.models import PoseNoise, marginals
+from ...model.errors.square_roots import gram, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import SIDES
 from .correlation import autocorrelation

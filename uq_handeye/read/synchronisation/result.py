@@ -10,12 +10,12 @@ import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...core.files.records import attributes
-from ...core.formatting.numbers import concise
-from ...core.formatting.units import MS_PER_S
 from ...core.geometry.se3 import Array
+from ...core.presentation.numbers import concise
 from ...core.presentation.shown import Shown
+from ...core.presentation.units import MS_PER_S
 from ...findings import Finding, texts
-from ...model.noise.models import PoseNoise
+from ...model.errors.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from .correlation import Correlation
 from .figure import sync_figure

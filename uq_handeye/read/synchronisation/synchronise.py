@@ -35,8 +35,8 @@ from ...core.files.source import Source
 from ...core.geometry.checks import is_number
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import RARE
-from ...core.numbers.limits import MAX_NAMED, MIN_POSES
+from ...core.levels import RARE
+from ...core.limits import MAX_NAMED, MIN_POSES
 from ...errors import (
     DegenerateMotionError,
     InputError,
@@ -48,7 +48,7 @@ from ...errors import (
     require_type,
 )
 from ...findings import Finding, warn
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.errors.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
 from ...model.poses.stream import Stream
 from ...model.poses.timing import MAX_GAP_INTERVALS, SIDES, Timing

@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
+from ...calibration.checks import Check
 from ...calibration.evidence.new_poses import poses_less_shared_errors
 from ...calibration.result import Calibration
-from ...calibration.statement.checks import Check
 from ...core.geometry.frames import SETUPS
-from ...core.runtime.progress import progress_bar
+from ...core.progress import progress_bar
 from ...errors import (
     DegenerateMotionError,
     InputError,
@@ -39,15 +39,15 @@ from ...errors import (
     NotConvergedError,
     among,
 )
-from ...fit.likelihood.constraint import require_noise_fits
-from ...fit.likelihood.gauss_helmert import ESTIMATORS
-from ...fit.one_model.noise_of_data import estimate_noise
-from ...methods.estimators import METHODS, ROBOT_WORLD_METHODS
-from ...methods.estimators.method import Estimate, Method
-from ...methods.estimators.robot_world import RobotWorldMethod
-from ...methods.propagation.noise_transport import noise_of_pairs
-from ...methods.propagation.published_fit import fit_published
-from ...model.noise.models import Noise, PairNoise
+from ...fit.graph.constraint import require_noise_fits
+from ...fit.graph.gauss_helmert import ESTIMATORS
+from ...fit.graph.noise_of_data import estimate_noise
+from ...methods.method import Estimate, Method
+from ...methods.noise_transport import noise_of_pairs
+from ...methods.published_fit import fit_published
+from ...methods.registry import METHODS, ROBOT_WORLD_METHODS
+from ...methods.robot_world import RobotWorldMethod
+from ...model.errors.models import Noise, PairNoise
 from ...model.poses.motions import Motions, relative_motions, spread_pairs
 from ...model.poses.pose_pairs import PosePairs, pairs_of
 from ...model.poses.residuals import Residuals, residuals, summarise

@@ -19,10 +19,10 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.presentation.colours import BLUE, ORANGE
 from ...core.presentation.ellipses import SYMBOLS
 from ...core.presentation.figure_parts import HALO, SMALL, Picture, canvas, finished, plain
+from ...core.rounding import CHAIN_ROUNDING
 from .compare import CHI2_95
 from .result import Comparison, Row, digits
 

@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..._version import __version__
-from ...calibration.statement.checks import Check
+from ...calibration.checks import Check
 from ...core.files.atomic import write_atomically
 from ...core.files.csv_text import frame_text
 from ...core.files.json_files import json_text
 from ...core.files.json_values import JsonObject
 from ...core.files.records import Record, attributes
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.pose_numbers import pose_numbers, principal_axes
 from ...core.geometry.se3 import Array, difference
-from ...core.numbers.levels import UNUSUAL
-from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
+from ...core.levels import UNUSUAL
 from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.html import to_html
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ...core.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ...errors import InputError
-from ...model.noise.models import Noise
+from ...model.errors.models import Noise
 from ...model.poses.residuals import Residuals
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from textwrap import shorten
 
 import numpy as np
 
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.presentation.document import (
     COLUMNS,
@@ -24,6 +23,7 @@ from ...core.presentation.document import (
     document_of,
     to_text,
 )
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from .result import Comparison, Row, apart, digits, to_rely_on, verdict
 
 # Of each column its name and unit, and what a row shows there; the verdict needs the reference.

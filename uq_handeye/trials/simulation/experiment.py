@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
+from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among, require_type
-from ...fit.likelihood.constraint import constraint_of, require_noise_fits
-from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
-from ...fit.one_model.noise_of_data import estimate_noise
-from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ...methods.procrustes.limit import solve_limit
-from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
-from ...methods.propagation.noise_transport import noise_of_pairs
-from ...methods.propagation.published_fit import Published
-from ...methods.propagation.target_pose import mean_target
-from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.models import Noise, PairNoise, PoseNoise
+from ...fit.graph.constraint import constraint_of, require_noise_fits
+from ...fit.graph.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
+from ...fit.graph.noise_of_data import estimate_noise
+from ...methods.all_pairs import AllPairs, solve_all_pairs
+from ...methods.limit import solve_limit
+from ...methods.noise_transport import noise_of_pairs
+from ...methods.published_fit import Published
+from ...methods.registry import METHODS, ROBOT_WORLD_METHODS
+from ...methods.target_pose import mean_target
+from ...model.errors.models import Noise, PairNoise, PoseNoise
+from ...model.errors.noise_estimate import NoiseEstimate
 from ...model.poses.motions import Motions, pair_indices, relative_motions
 from ...model.poses.pose_pairs import PosePairs, Truth
 

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, block, logarithm, skew
-from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
-from ...core.runtime.scratch import scratch
+from ...core.rounding import CHAIN_ROUNDING, TINY
+from ...core.scratch import scratch
 from ...errors import InputError
-from ...methods.procrustes.limit import solve_moments
-from ...model.noise.models import PairNoise
+from ...methods.limit import solve_moments
+from ...model.errors.models import PairNoise
 
 # Fewest trials of a block that are worth a call.
 MIN_BLOCK_TRIALS = 32

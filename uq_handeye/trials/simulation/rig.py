@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, perturb, pose
+from ...core.presentation.units import parse_angle, parse_length
 from ...errors import InputError, keywords_of, require_integer, require_known, require_type
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import PoseNoise, factor, is_joint, require_count
+from ...model.errors.joint_covariance import JointCovariance
+from ...model.errors.models import PoseNoise, factor, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
 
 # A camera bracket on a flange, and a board on the table in front of the arm.

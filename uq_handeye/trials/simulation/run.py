@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, difference
 from ...errors import InputError
-from ...fit.likelihood.constraint import constraint_of, covariances_of
-from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MAX_ML_STEPS, fit_data
-from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ...methods.procrustes.scaled import solve_4dpa
-from ...methods.propagation.all_pairs import solve_all_pairs
-from ...methods.propagation.noise_transport import covariance_of_poses
-from ...methods.propagation.propagate import propagate_and_check
-from ...model.noise.models import with_prior
+from ...fit.graph.constraint import constraint_of, covariances_of
+from ...fit.graph.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MAX_ML_STEPS, fit_data
+from ...methods.all_pairs import solve_all_pairs
+from ...methods.noise_transport import covariance_of_poses
+from ...methods.propagate import propagate_and_check
+from ...methods.registry import METHODS, ROBOT_WORLD_METHODS
+from ...methods.scaled import solve_4dpa
+from ...model.errors.models import with_prior
 from ...model.poses.pose_pairs import PosePairs
 from .experiment import Experiment, motions_of
 from .fourdpa import fourdpa_on_drawn

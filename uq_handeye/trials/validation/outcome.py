@@ -21,19 +21,19 @@ from ..._version import __version__
 from ...core.files.atomic import write_atomically
 from ...core.files.json_values import JsonObject
 from ...core.files.open import StrPath, as_path
-from ...core.formatting.numbers import digits, probability
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
-from ...core.numbers.levels import CONTRADICTED
-from ...core.numbers.rounding import THIRD_DIGITS
+from ...core.levels import CONTRADICTED
 from ...core.presentation.document import COLUMNS, WIDTH, Block, Checks, Document, Paragraph, document_of, to_text
 from ...core.presentation.html import to_html
+from ...core.presentation.numbers import digits, probability
 from ...core.presentation.shown import Shown
+from ...core.rounding import THIRD_DIGITS
 from ...errors import InputError, NotConvergedError
 from ...findings import GROSS_EXCESS
-from ...fit.likelihood.gauss_helmert import maximum_likelihood
-from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, goodness_of_fit
-from ...model.noise.models import Noise
+from ...fit.graph.gauss_helmert import maximum_likelihood
+from ...fit.graph.goodness_of_fit import GoodnessOfFit, goodness_of_fit
+from ...model.errors.models import Noise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 

@@ -39,10 +39,10 @@ from ...core.files.atomic import write_atomically
 from ...core.files.json_values import Json, JsonObject
 from ...core.files.locks import locked
 from ...core.files.open import as_path, reason, shown
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_NAMED
+from ...core.limits import MAX_DESCRIPTION_BYTES, MAX_NAMED
 from ...errors import InputError
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import Noise, noise_to_dict
+from ...model.errors.joint_covariance import JointCovariance
+from ...model.errors.models import Noise, noise_to_dict
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 

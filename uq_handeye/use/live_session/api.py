@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ...calibration.result import Calibration
-from ...calibration.statement.tolerance import Tolerance
+from ...calibration.tolerance import Tolerance
 from ...core.files.open import StrPath, as_path
 from ...core.geometry.frames import SETUPS
 from ...errors import require_one_of

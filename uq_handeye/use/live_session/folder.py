@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
+from ...core.presentation.units import parse_length
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
@@ -141,8 +141,8 @@ class Folder:
         return joints.exists() and count_arrived([path], role="camera") > 0
 
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
-        from ...fit.input_checks.board_rotation import resolve_board_rotation
-        from ...fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
+        from ...fit.diagnostics.board_rotation import resolve_board_rotation
+        from ...fit.diagnostics.pose_ambiguity import resolve_pose_ambiguity
         from ...model.camera.board import find_corners, source_of
         from ...read.arrived import count_arrived, read_arrived
 

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any, TextIO
 
-from ...core.numbers.limits import MAX_LINE_CHARACTERS
+from ...core.limits import MAX_LINE_CHARACTERS
 from ...errors import InputError
 from ...formats.contents import FRAMES, finished
 from ...formats.json_poses import read_json

@@ -10,10 +10,10 @@ import numpy as np
 from markupsafe import Markup
 
 from ...calibration.report.first_screen import checks_block, status_of
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MIN_POSES
+from ...core.limits import MIN_POSES
 from ...core.presentation.html import macros
+from ...core.presentation.numbers import digits
 from .question import words
 from .remedies import is_remedied
 from .session import Session

@@ -16,12 +16,12 @@ import numpy as np
 
 from ...calibration.calibrate import calibrate
 from ...calibration.result import Calibration
-from ...calibration.statement.tolerance import Tolerance, Verdict
-from ...core.numbers.limits import MIN_POSES
-from ...core.runtime.threads import one_thread
+from ...calibration.tolerance import Tolerance, Verdict
+from ...core.limits import MIN_POSES
+from ...core.threads import one_thread
 from ...errors import InputError, InputWarning, NotConvergedError
 from ...findings import Finding
-from ...model.noise.models import Noise
+from ...model.errors.models import Noise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import SharedError
 from ..planning.after_each import NextPose, next_pose, words_after, words_without

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 from ...calibration.moves import MOVED
 from ...findings import Finding
-from ...fit.input_checks.readings import FRAMES, ReadingValues
+from ...fit.diagnostics.readings import FRAMES, ReadingValues
 
 # What the camera is on, by the setup.
 _MOUNTS = {"eye-in-hand": "on the gripper", "eye-to-hand": "fixed in the cell"}

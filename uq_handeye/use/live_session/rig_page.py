@@ -13,10 +13,10 @@ import numpy as np
 
 from ...calibration.report.rig_sections import headline, poses_table
 from ...calibration.rig_result import RigCalibration
-from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import EPS
 from ...core.presentation.colours import AMBER, BLUE, GREEN, ORANGE, PURPLE, SKY, rgb
+from ...core.presentation.numbers import digits
+from ...core.rounding import EPS
 from ...model.rig.description import WORLD
 from .browser_page import BrowserPage
 from .markup import panel

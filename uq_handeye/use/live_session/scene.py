@@ -17,13 +17,13 @@ import numpy as np
 
 from ...calibration.evidence.touches import Touches, evidence_of_touches
 from ...calibration.result import Calibration
-from ...core.formatting.numbers import digits
-from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.limits import MAX_NAMED
-from ...core.numbers.rounding import EPS
+from ...core.limits import MAX_NAMED
 from ...core.presentation.colours import AMBER, BLUE, GREEN, PURPLE, rgb
-from ...model.kinematics.arms.newton import postures_at
+from ...core.presentation.numbers import digits
+from ...core.presentation.units import MM_PER_M
+from ...core.rounding import EPS
+from ...model.kinematics.newton import postures_at
 from ..verification.touches_file import read_touches, require_metres
 from ..verification.verify import verify
 from .nodes import DARK, PALE, Colour, Nodes, Picture, nice

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from unittest import mock
 from urllib.parse import parse_qsl, urlsplit
 
-from ...core.numbers.limits import MAX_UPLOAD_BYTES
+from ...core.limits import MAX_UPLOAD_BYTES
 from ...errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:

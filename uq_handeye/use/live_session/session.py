@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ...core.files.atomic import write_atomically, write_files
 from ...core.files.json_files import json_text, parsed, signed_text
 from ...core.geometry.checks import as_transforms
-from ...core.numbers.limits import MIN_POSES
+from ...core.limits import MIN_POSES
 from ...errors import InputError, InputWarning, NotConvergedError
 from ...model.poses.pose_pairs import PosePairs
 from .folder import Folder, SeenBoard, State, settled

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.files.atomic import write_atomically, write_files
 from ...core.files.one_line import refused
-from ...core.numbers.limits import MAX_TABLE_BYTES, MAX_UPLOAD_BYTES
+from ...core.limits import MAX_TABLE_BYTES, MAX_UPLOAD_BYTES
 from ...errors import InputError
 from ...model.camera.picture_files import SUFFIXES
 from .folder import POSE_FILES

@@ -40,11 +40,11 @@ from scipy.special import logsumexp
 from ...calibration.evidence.new_poses import PoseEvidence
 from ...core.files.records import Record, read
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import CONTRADICTED
-from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.error_terms import keys
+from ...core.levels import CONTRADICTED
+from ...core.read_only import ReadOnlyArrays
+from ...fit.graph.rows import NewRows, PredictiveReference
+from ...model.errors import keys
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import NewRows, PredictiveReference
 from ...model.shared_errors.shared_error import SharedError
 
 CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = (

@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...calibration.estimate.estimated import Estimated
-from ...calibration.estimate.rig_poses import RigPoses
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.evidence.same_things import ROBOT, THINGS, others_by_pictures
 from ...calibration.prediction.predict import poses_so_far
-from ...calibration.statement.tolerance import Tolerance
-from ...core.formatting.numbers import digits
+from ...calibration.rig_poses import RigPoses
+from ...calibration.tolerance import Tolerance
 from ...core.geometry.se3 import Array, difference
-from ...core.numbers.levels import DOUBTFUL, UNUSUAL
-from ...core.numbers.limits import VISIBLE_CHANGE
-from ...core.numbers.rounding import CHAIN_ROUNDING
+from ...core.levels import DOUBTFUL, UNUSUAL
+from ...core.limits import VISIBLE_CHANGE
+from ...core.presentation.numbers import digits
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
-from ...model.noise.joint_covariance import Index
-from ...model.noise.models import PoseNoise
+from ...fit.graph.rows import PredictiveReference
+from ...model.errors.joint_covariance import Index
+from ...model.errors.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import PredictiveReference
 from ...model.rig.description import Rig, require_left_out
 from ...model.rig.single import poses_like
 from . import check_text as check_text  # registers the text of a result

@@ -1,6 +1,6 @@
 r"""Result of `check`: whether a calibration still holds, and if not, what has changed.
 
-*The smallest change that would have shown*: power of the chi-square test of the posterior (`posterior.rows`). A change
+*The smallest change that would have shown*: power of the chi-square test of the posterior (`graph.rows`). A change
 a of columns C, ``E r = C a``, has the noncentrality ``a^T I a``, ``I = C^T Sigma^-1 C``. With lambda the noncentrality
 that is detected with probability 95 %, the smallest shift (or rotation by itself) that shows in every direction is
 ``sqrt(lambda / min eigenvalue of I)`` of its block of I.

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, plus_minus, probability
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import POWER
+from ...core.levels import POWER
 from ...core.presentation.document import Answer, Block, Document, Paragraph, Table, document_of
+from ...core.presentation.numbers import concise, digits, plus_minus, probability
 from ...errors import InputError
 from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Cause
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Move

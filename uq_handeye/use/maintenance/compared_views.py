@@ -10,12 +10,12 @@ from collections.abc import Hashable, Iterable
 
 import numpy as np
 
-from ...calibration.estimate.rig_poses import RigPoses
 from ...calibration.evidence.new_views import RigEvidence, evidence_of_views
+from ...calibration.rig_poses import RigPoses
 from ...core.geometry.se3 import Array
 from ...fit.diagnostics.paths import moments_of
+from ...fit.graph.rows import PredictiveReference
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import PredictiveReference
 from ...model.rig.description import Rig
 from ...model.shared_errors.shared_error import SharedError
 from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Candidate

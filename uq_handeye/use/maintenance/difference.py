@@ -10,15 +10,15 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from ...calibration.estimate.estimated import distance_of
+from ...calibration.estimated import distance_of
 from ...calibration.evidence.same_things import CAMERA, ROBOT, THINGS, checked_things, require_same
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.result import Calibration
 from ...core.files.records import Record
-from ...core.formatting.numbers import concise, digits, probability
 from ...core.geometry.se3 import Array, logarithm
-from ...core.numbers.levels import CONTRADICTED, UNUSUAL
+from ...core.levels import CONTRADICTED, UNUSUAL
 from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of
+from ...core.presentation.numbers import concise, digits, probability
 from ...core.presentation.shown import Shown
 from ...errors import InputError, require_type
 from ...fit.diagnostics.task_space import by_pose

@@ -23,10 +23,10 @@ from ...calibration.evidence.same_things import CAMERA
 from ...calibration.prediction.predict import bound_to, errors_of_poses
 from ...calibration.result import Calibration
 from ...core.geometry.se3 import Array
-from ...model.error_terms.key import ErrorKey
-from ...model.error_terms.keys import INTRINSICS
-from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import is_joint
+from ...model.errors.joint_covariance import joint_of
+from ...model.errors.key import ErrorKey
+from ...model.errors.keys import INTRINSICS
+from ...model.errors.models import is_joint
 from ...model.shared_errors.population import LENGTH_PER_RAD_M
 
 

@@ -18,18 +18,18 @@ from ...calibration.result import Calibration
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
-from ...fit.one_model.request import Request
+from ...fit.graph.request import Request
 from ...model.camera.calibrate import calibrate_camera
 from ...model.camera.corners import Corners
 from ...model.camera.models import LINEAR
 from ...model.camera.result import CameraCalibration
+from ...model.errors.camera_noise import CameraNoise
+from ...model.errors.joint_covariance import JointCovariance
+from ...model.errors.models import PoseNoise, is_joint
+from ...model.errors.noise_estimate import NoisePrior
+from ...model.errors.pose_prior import PosePrior
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors, effects_of_errors, poses_with_errors
-from ...model.noise.camera_noise import CameraNoise
-from ...model.noise.estimate import NoisePrior
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import PoseNoise, is_joint
-from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing
 from ...model.shared_errors.assumed import default_errors, replace_defaults, stored_error

@@ -1,7 +1,7 @@
 """Test new measurements of a rig, of one camera or several, for what has changed and what moved among them.
 
-All new rows are tested together (`posterior.rows`), a move of each unknown pose before them by its own chi-square, and
-a step of each among them, from one moment on (`likelihood.steps_in_time`): the change of a single pose is lost among
+All new rows are tested together (`graph.rows`), a move of each unknown pose before them by its own chi-square, and
+a step of each among them, from one moment on (`graph.steps_in_time`): the change of a single pose is lost among
 the residuals of many others. Of the probability of a false alarm the first test has half, the moves and the steps a
 quarter each, divided by their number (Bonferroni). Whatever the answer, the smallest move of each pose that these
 measurements would have shown is given.
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import POWER
+from ...core.levels import POWER
 from ...errors import InputError
-from ...fit.likelihood.steps_in_time import MIN_MOMENTS, Moments, Step, largest_step, sums_of
-from ...model.noise.cholesky import checked_cholesky, substitute
-from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
+from ...fit.graph.rows import NewRows, PredictiveReference, smallest_change
+from ...fit.graph.steps_in_time import MIN_MOMENTS, Moments, Step, largest_step, sums_of
+from ...model.errors.cholesky import checked_cholesky, substitute
 from .causes import Candidate, Causes, compare_candidates
 from .check_result import Move
 

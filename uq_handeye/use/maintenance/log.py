@@ -24,11 +24,11 @@ from ...core.files.atomic import write_atomically
 from ...core.files.csv_text import csv_text, plain_text
 from ...core.files.locks import held
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_ROWS, MAX_TABLE_BYTES
-from ...core.numbers.rounding import CHAIN_ROUNDING
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.limits import MAX_ROWS, MAX_TABLE_BYTES
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import Rig

@@ -1,7 +1,7 @@
 """Detection of new pose files that are misread or paired wrongly, where they strongly contradict a calibration.
 
 Each other reading of the files (unit, direction, quaternion order, exchanged files, a factor on lengths, pairing,
-shifted rows) is judged by d^2 against the calibration. Unlike `input_checks.misread_files` nothing is fitted: X and W
+shifted rows) is judged by d^2 against the calibration. Unlike `diagnostics.misread_files` nothing is fitted: X and W
 are known, and one pose is enough.
 """
 
@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array, inverse, logarithm
-from ...core.numbers.limits import MAX_LEFT_SHARE
-from ...core.numbers.rounding import TINY
+from ...core.limits import MAX_LEFT_SHARE
+from ...core.presentation.units import LENGTH_UNITS
+from ...core.rounding import TINY
 from ...findings import GROSS_EXCESS, Finding
-from ...fit.input_checks.misread_files import rotation_readings
+from ...fit.diagnostics.misread_files import rotation_readings
+from ...fit.graph.rows import NewRows
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import NewRows
 
 # Findings that say that the files are misread, or of another rig.
 MISREAD = ("maintenance.misread", "maintenance.pairing", "maintenance.another_rig")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 
-from ...core.formatting.numbers import digits, probability
+from ...core.presentation.numbers import digits, probability
 from ...findings import sentence
-from ...fit.input_checks.readings import in_words
+from ...fit.diagnostics.readings import in_words
 
 
 @sentence("maintenance.misread")

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
-from ...core.numbers.limits import MAX_NAMED
+from ...core.limits import MAX_NAMED
 from ...core.presentation.colours import BLUE, GREEN, ORANGE, QUIET
 from ...core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
+from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from .log import CheckSeries
 
 

@@ -8,7 +8,7 @@ The same is true for a file without poses whose posterior is bound to them: with
 the posterior needs. A result with touches, of another robot, camera or target (``same``), or without these poses is
 updated by its joint posterior (`absorbed_into`), which is the same to first order: old poses cannot be weighted or
 linearised again, and errors of poses keep their columns. With estimated sizes the rows of the old poses are kept, and
-the sizes are estimated again (`one_model.points`); X is then within 0.04 standard deviations of the fit of all in the
+the sizes are estimated again (`graph.points`); X is then within 0.04 standard deviations of the fit of all in the
 median of 40 simulated sets, 0.12 at most, but 0.2 to 1.7 on two real recordings (FR3, KUKA) whose X moves by 0.4 to 3.3
 with the new poses: columns of an unknown arm and of drift are bound to other poses then. With the errors
 ``s = (xi_X, xi_W, e - estimate)`` and their mean and covariance given the measurements (`Posterior.absorb`), X and W
@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from ...calibration.analysis import FittedKinematics
 from ...calibration.calibrate import calibrate
-from ...calibration.estimate.analysis import FittedKinematics
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.same_things import TARGET, THINGS, checked_things, others_by_pictures
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
@@ -39,17 +39,17 @@ from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
 from ...core.files.json_values import Json, JsonObject
-from ...core.formatting.numbers import digits
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
-from ...core.numbers.levels import UNUSUAL
+from ...core.levels import UNUSUAL
+from ...core.presentation.numbers import digits
 from ...errors import InputError, InputWarning, NotConvergedError, require_type
 from ...findings import Finding
-from ...model.error_terms.estimate import resolved_share
-from ...model.noise.models import PoseNoise
+from ...fit.graph.rows import NewRows
+from ...model.errors.error_estimate import resolved_share
+from ...model.errors.models import PoseNoise
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import NewRows
 from ...model.rig.description import Rig, require_left_out
 from ...model.rig.single import poses_like
 from .check import check

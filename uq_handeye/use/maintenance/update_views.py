@@ -11,9 +11,9 @@ import numpy as np
 from ...calibration.calibrate_rig import OPTIONS, calibrate_rig
 from ...calibration.evidence.new_views import like
 from ...calibration.rig_result import RigCalibration
-from ...core.numbers.levels import CONTRADICTED
+from ...core.levels import CONTRADICTED
 from ...errors import InputError, NotConvergedError
-from ...fit.one_model.declared import request_from_dict
+from ...fit.graph.declared import request_from_dict
 from ...model.rig.description import Rig
 from ...model.shared_errors.assumed import replace_defaults
 from ...model.shared_errors.shared_error import SharedError

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...calibration.accuracy import amounts, part_keys
+from ...calibration.checks import failures_in_words
 from ...calibration.result import Calibration
-from ...calibration.statement.accuracy import amounts, part_keys
-from ...calibration.statement.checks import failures_in_words
-from ...calibration.statement.tolerance import MET, Verdict, percent, probability_within
+from ...calibration.tolerance import MET, Verdict, percent, probability_within
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.likelihood.reference import Reference
-from ...model.error_terms.key import Kind
-from ...model.noise.models import Noise, PoseNoise
+from ...fit.graph.reference import Reference
+from ...model.errors.key import Kind
+from ...model.errors.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
 from .by_posterior import Known, PlanRequest

@@ -3,7 +3,7 @@
 For an arm with kinematic errors, X, W and the errors e of the arm are joint unknowns, and the criterion ``prediction``
 does not depend on the choice of base and flange (K2): it is the error with which a point seen at one posture is
 predicted at another. Camera poses are drawn as in `candidates`, without a box, and the arm is brought there by inverse
-kinematics (`arms.postures`), half of the draws from near the joints so far, half from postures anywhere inside the
+kinematics (`postures`), half of the draws from near the joints so far, half from postures anywhere inside the
 limits: these take other branches of the elbow and the wrist. Of the equivalent angles of a joint the one nearest to the
 joints so far is taken, and a posture counts only if every joint is within half a turn of one of them: cables would not
 follow it. With a floor, no joint, flange or camera is below it. Other obstacles are unknown, and collisions of the arm
@@ -18,16 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.prediction.predict import CameraAhead, camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...model.kinematics.arms.newton import postures_at
 from ...model.kinematics.by_poses import joints_by_poses
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
+from ...model.kinematics.newton import postures_at
 from ...model.poses.pose_pairs import PosePairs
 from .by_posterior import PREDICTION, Known, PlanRequest, planned
 from .candidates import draw_camera_poses, drawn, require_number, robot_of

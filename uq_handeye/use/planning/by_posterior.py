@@ -2,7 +2,7 @@
 
 A pose at which the camera pose will be measured with the derivatives A by all errors s of the posterior, and with its
 own noise ``L L^T`` (measurement noise, and errors of the arm that are new at that pose), adds the information
-``B^T B``, ``B = L^-1 A`` (`posterior.selection`). More poses do not average the errors that all of them share: these
+``B^T B``, ``B = L^-1 A`` (`graph.selection`). More poses do not average the errors that all of them share: these
 are among s.
 
 Criterion ``prediction`` is the mean squared error (m^2) of where the camera is from the target at the task postures,
@@ -22,22 +22,22 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.same_things import ROBOT
 from ...calibration.prediction.predict import CameraAhead, camera_at, own_noise
-from ...calibration.statement.tolerance import MET, Tolerance, ToleranceLike, probability_within
-from ...core.formatting.units import parse_length
+from ...calibration.tolerance import MET, Tolerance, ToleranceLike, probability_within
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import TINY
+from ...core.presentation.units import parse_length
+from ...core.rounding import TINY
 from ...errors import InputError, require_integer, require_one_of
-from ...fit.likelihood.reference import Reference
+from ...fit.graph.reference import Reference
+from ...fit.graph.selection import weight_of_X
+from ...model.errors.models import PoseNoise
+from ...model.errors.noise_estimate import NoisePrior
+from ...model.errors.square_roots import cholesky_of, whiten
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors
-from ...model.noise.estimate import NoisePrior
-from ...model.noise.models import PoseNoise
-from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.selection import weight_of_X
 from ...model.shared_errors.shared_error import SharedError
 from .candidates import require_choice
 from .result import FORMS, Plan

@@ -8,7 +8,7 @@ the noise of robot and camera, and the posterior give the covariance after it; t
     mean over cameras of  2/3 L^2 tr Cov(theta) + tr Cov(tau)
 
 with L the mean distance of the targets: the mean square error of points at that distance, in all directions. Views are
-chosen one after the other, then exchanged (`posterior.selection`).
+chosen one after the other, then exchanged (`graph.selection`).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.estimate.rig_poses import RigPoses
 from ...calibration.prediction.noise_of_views import new_noise, posterior_of
-from ...calibration.statement.tolerance import Tolerance
+from ...calibration.rig_poses import RigPoses
+from ...calibration.tolerance import Tolerance
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError
 from ...fit.graph.graph import Graph, Sides
 from ...fit.graph.noise import RigNoise
-from ...model.noise.cholesky import checked_cholesky, substitute
-from ...model.posterior.selection import weight_of_X
+from ...fit.graph.selection import weight_of_X
+from ...model.errors.cholesky import checked_cholesky, substitute
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
 from .by_posterior import MAX_POSES_TO_PASS, PlanRequest, first_within
 from .result import Plan

@@ -41,7 +41,7 @@ from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
 from ...core.geometry.checks import as_transforms
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known, require_type
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.errors.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
 from ...model.rig.description import require_left_out

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.statement.tolerance import Tolerance
+from ...calibration.tolerance import Tolerance
 from ...core.files.csv_text import csv_text
 from ...core.files.json_values import JsonObject
 from ...core.files.records import attributes
@@ -16,11 +16,11 @@ from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
 from ...core.presentation.shown import Shown
-from ...core.runtime.read_only import ReadOnlyArrays
+from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS
 from ...formats.controllers.written import SINGLE, WRITTEN, written_poses
-from ...model.noise.models import PoseNoise
+from ...model.errors.models import PoseNoise
 from ...read import pose_text, write_atomically
 from .weak_prior import WEAK_PRIOR_SD
 

@@ -5,12 +5,12 @@ eigenvector along which that is worth less than a standard deviation of 0.1 rad 
 the translation along them, pure translations all of it. There measured motions contain little but noise; an estimate
 without a prior would put X a metre away. So
 
-- X is that of `likelihood.open_start`, with the prior that what the gripper carries (camera, or target for eye-to-hand)
+- X is that of `graph.open_start`, with the prior that what the gripper carries (camera, or target for eye-to-hand)
   is within 0.1 m of its origin, where no other one is given;
 - the information along open directions is replaced by that of a weak prior, standard deviation 1 rad and 1 m.
 
 A prior of X or W that the noise has is added to the information. Where nothing is open there is no weak prior; X and
-the information are those of `likelihood.efficient`, unless its residuals are so far above the noise that 4DPA may have
+the information are those of `graph.efficient`, unless its residuals are so far above the noise that 4DPA may have
 started it from a wrong X.
 """
 
@@ -23,16 +23,16 @@ import numpy as np
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError
 from ...findings import GROSS_EXCESS
-from ...fit.likelihood.constraint import OnPoses, Unknowns, residual_covariance
-from ...fit.likelihood.gauss_helmert import efficient
-from ...fit.likelihood.starts import start_open
-from ...model.error_terms.estimate import ErrorEstimate
-from ...model.noise.models import PoseNoise, with_prior
-from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import cholesky_of, gram, whiten
+from ...fit.graph.constraint import OnPoses, Unknowns, residual_covariance
+from ...fit.graph.gauss_helmert import efficient
+from ...fit.graph.posterior import Posterior
+from ...fit.graph.selection import covariance_of
+from ...fit.graph.starts import start_open
+from ...model.errors.error_estimate import ErrorEstimate
+from ...model.errors.models import PoseNoise, with_prior
+from ...model.errors.pose_prior import PosePrior
+from ...model.errors.square_roots import cholesky_of, gram, whiten
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.posterior import Posterior
-from ...model.posterior.selection import covariance_of
 
 # Standard deviation per axis of the weak prior, rad and m.
 WEAK_PRIOR_SD = 1.0

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array

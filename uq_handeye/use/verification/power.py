@@ -27,10 +27,10 @@ import numpy as np
 
 from ...calibration.evidence.touches import TouchEvidence
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import POWER, UNUSUAL
-from ...core.numbers.rounding import CHAIN_ROUNDING, HALF_DIGITS
-from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.posterior.rows import PredictiveReference
+from ...core.levels import POWER, UNUSUAL
+from ...core.read_only import ReadOnlyArrays
+from ...core.rounding import CHAIN_ROUNDING, HALF_DIGITS
+from ...fit.graph.rows import PredictiveReference
 
 # Touches at most that are recommended.
 MAX_TOUCHES = 10_000

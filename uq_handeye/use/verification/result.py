@@ -9,11 +9,11 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits, plus_minus, probability
 from ...core.geometry.se3 import Array
-from ...core.numbers.levels import POWER, UNUSUAL
-from ...core.numbers.limits import MAX_PRINTED_ROWS
+from ...core.levels import POWER, UNUSUAL
+from ...core.limits import MAX_PRINTED_ROWS
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.numbers import digits, plus_minus, probability
 from ...core.presentation.shown import Shown
 from ...findings import Finding
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...core.formatting.numbers import digits
-from ...core.numbers.limits import MAX_NAMED
+from ...core.limits import MAX_NAMED
+from ...core.presentation.numbers import digits
 from ...findings import sentence
 
 

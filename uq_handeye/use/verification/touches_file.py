@@ -28,17 +28,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.touches import Touches
 from ...calibration.prediction.predict import poses_so_far
 from ...core.files.csv_text import plain_text
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
-from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, pose
-from ...core.numbers.limits import MAX_TABLE_BYTES
+from ...core.limits import MAX_TABLE_BYTES
+from ...core.presentation.units import ANGLE_UNITS, LENGTH_UNITS
 from ...errors import InputError, require_one_of
 from ...formats.contents import NORM_TOLERANCE
 from ...model.kinematics.chain import Kinematics

@@ -13,13 +13,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
-from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.limits import MAX_LEFT_SHARE
-from ...core.numbers.rounding import THIRD_DIGITS
+from ...core.limits import MAX_LEFT_SHARE
+from ...core.presentation.units import parse_deviations, parse_length
+from ...core.rounding import THIRD_DIGITS
 from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
 from ..maintenance.update import require_other_touches

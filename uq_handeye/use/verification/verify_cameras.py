@@ -14,11 +14,11 @@ from scipy.special import chdtrc
 
 from ...calibration.rig_result import RigCalibration
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits, probability
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
-from ...core.numbers.levels import UNUSUAL
+from ...core.levels import UNUSUAL
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Table, document_of
+from ...core.presentation.numbers import digits, probability
 from ...core.presentation.shown import Shown
 from ...errors import InputError
 from ...read.camera_poses import CameraPoses

@@ -13,13 +13,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import predict_camera
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits, probability
-from ...core.numbers.levels import UNUSUAL
+from ...core.levels import UNUSUAL
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of
+from ...core.presentation.numbers import digits, probability
 from ...core.presentation.shown import Shown
 from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose

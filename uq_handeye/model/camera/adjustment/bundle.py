@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array, perturb
-from ....core.numbers.rounding import SOLUTION_ROUNDING, TINY
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.read_only import ReadOnlyArrays
+from ....core.rounding import SOLUTION_ROUNDING, TINY
 from ....errors import InputError
 from ..board_shape import BoardShape
 from ..corners import MAX_PIXELS, Corners

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.numbers.rounding import TINY
+from ....core.rounding import TINY
 from ..board_shape import FLAT
 
 # A difference of BIC above it is very strong evidence (R. Kass, A. Raftery, J. Amer. Stat. Assoc. 90 (1995)).

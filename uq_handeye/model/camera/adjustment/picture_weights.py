@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.geometry.se3 import Array
-from ....core.numbers.rounding import HALF_DIGITS
+from ....core.rounding import HALF_DIGITS
 from ..corners import Corners
 from .bundle import Bundle
 

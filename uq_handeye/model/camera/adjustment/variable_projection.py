@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....core.geometry.se3 import Array
-from ....core.numbers.iterations import MAX_STEPS
-from ....core.numbers.rounding import HALF_DIGITS, PRODUCT_ROUNDING
+from ....core.iterations import MAX_STEPS
+from ....core.rounding import HALF_DIGITS, PRODUCT_ROUNDING
 
 # The last step leaves less than this share of the sum of squares; it is undamped, and predicts a fall below NEAR_SHARE.
 CONVERGED_SHARE, NEAR_SHARE = 1e-11, 1e-7

@@ -17,8 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
-from ....core.formatting.numbers import fixed
-from ....core.formatting.units import MM_PER_M
 from ....core.geometry.se3 import Array
 from ....core.presentation.colours import INK, ON_MAP, ORANGE, QUIET
 from ....core.presentation.figure_parts import (
@@ -31,6 +29,8 @@ from ....core.presentation.figure_parts import (
     plain,
     round_number,
 )
+from ....core.presentation.numbers import fixed
+from ....core.presentation.units import MM_PER_M
 from ..calibrated import Calibrated
 from .frames import add_colour_scale, framed, marked, named_axes
 from .text import board_pattern_words, board_words

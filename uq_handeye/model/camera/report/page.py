@@ -10,14 +10,14 @@ import numpy as np
 
 from ...._version import __version__
 from ....core.files.source import versions
-from ....core.formatting.numbers import column, fixed
-from ....core.formatting.units import MM_PER_M
 from ....core.geometry.conventions import CONVENTION
-from ....core.numbers.limits import MAX_PRINTED_ROWS
+from ....core.limits import MAX_PRINTED_ROWS
 from ....core.presentation.document import Block, Code, Paragraph, Points, Section, Table
 from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import Picture
+from ....core.presentation.numbers import column, fixed
 from ....core.presentation.page import Page, drawing
+from ....core.presentation.units import MM_PER_M
 from ..calibrated import Calibrated, distances, picture_rms, tilts
 from ..intrinsics_file import PIXELS, camera_snippets
 from .figures import camera_pictures

@@ -16,9 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DRAWN_POINTS
+from ....core.limits import MAX_DRAWN_POINTS
 from ....core.presentation.colours import BLUE, GRID, INK, ORANGE, QUIET
 from ....core.presentation.figure_parts import (
     FIGURE_WIDTH_IN,
@@ -31,6 +30,7 @@ from ....core.presentation.figure_parts import (
     plain_numbers,
     round_number,
 )
+from ....core.presentation.numbers import digits
 from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
 from ..residual_pattern import CELLS, MIN_PATTERN_SHARE
 from .frames import named_axes, picture_axes, picture_canvas

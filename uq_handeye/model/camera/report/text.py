@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....core.formatting.numbers import concise, fixed, probability
-from ....core.formatting.units import MM_PER_M
-from ....core.numbers.levels import CONTRADICTED
-from ....core.numbers.limits import MAX_LISTED, MAX_NAMED
+from ....core.levels import CONTRADICTED
+from ....core.limits import MAX_LISTED, MAX_NAMED
 from ....core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
+from ....core.presentation.numbers import concise, fixed, probability
+from ....core.presentation.units import MM_PER_M
 from ..adjustment.criterion import best
 from ..calibrated import Calibrated, covered, distances, tilts
 from ..models import LINEAR

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ....core.formatting.numbers import fixed
-from ....core.numbers.limits import MAX_DRAWN_POINTS
+from ....core.limits import MAX_DRAWN_POINTS
 from ....core.presentation.colours import GREEN, ON_MAP, QUIET
 from ....core.presentation.figure_parts import SMALL, Picture, finished, plain
+from ....core.presentation.numbers import fixed
 from ..calibrated import Calibrated, certainty, distances, tilts
 from .frames import add_colour_scale, framed, marked, named_axes, picture_canvas
 from .text import boards_words

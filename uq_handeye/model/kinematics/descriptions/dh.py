@@ -48,11 +48,11 @@ from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.table import Places, Schema, in_order, name_and_unit, read_table
 from ....core.files.tree_values import is_list, is_map, is_plain_number
 from ....core.files.trees import parse_toml
-from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
+from ....core.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
+from ....core.presentation.units import ANGLE_UNITS, LENGTH_UNITS
 from ....errors import InputError, among
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 

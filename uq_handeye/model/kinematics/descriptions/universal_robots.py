@@ -22,7 +22,7 @@ from ....core.files.tree_values import got, is_map, item, number
 from ....core.files.trees import parse_tree
 from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
+from ....core.limits import MAX_DESCRIPTION_BYTES, MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint
 from .urdf import Tree, chain_of, read_tree

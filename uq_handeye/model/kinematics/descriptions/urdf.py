@@ -27,7 +27,7 @@ from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.trees import MAX_DEPTH
 from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
-from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ....core.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
 from ..joint import MAX_ORIGIN_M, PRISMATIC, REVOLUTE, ChainParts, Joint
 from .xml_tree import Element, xml_tree

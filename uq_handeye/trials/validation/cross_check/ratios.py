@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import CONTRADICTED
-from ....core.numbers.rounding import TINY
+from ....core.levels import CONTRADICTED
+from ....core.rounding import TINY
 from ..monte_carlo.consistency import HARMLESS_SD_ERROR, extreme_eigenvalues, heavy_from, in_words
 from ..monte_carlo.sums import COMPONENTS
 

@@ -9,7 +9,7 @@ from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
 from ....findings import Finding
-from ....model.noise.models import Noise
+from ....model.errors.models import Noise
 from ..monte_carlo.run import MonteCarlo
 from ..outcome import NoiseOfData, Outcome, one_of
 from .relations import Relation

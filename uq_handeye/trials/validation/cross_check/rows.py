@@ -18,16 +18,16 @@ from scipy.linalg import block_diag
 from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import DOUBTFUL
-from ....core.numbers.rounding import HALF_DIGITS
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.levels import DOUBTFUL
+from ....core.read_only import ReadOnlyArrays
+from ....core.rounding import HALF_DIGITS
 from ....errors import InputError, NotConvergedError
 from ....findings import Finding
-from ....fit.likelihood.gauss_helmert import ESTIMATORS
-from ....methods.estimators.nguyen import nguyen
-from ....methods.procrustes.paper_covariances import PAPER_SCALE, literal_covariance
-from ....methods.propagation.noise_transport import noise_of_pairs
-from ....model.noise.models import Noise
+from ....fit.graph.gauss_helmert import ESTIMATORS
+from ....methods.nguyen import nguyen
+from ....methods.noise_transport import noise_of_pairs
+from ....methods.paper_covariances import PAPER_SCALE, literal_covariance
+from ....model.errors.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....errors import InputError, keywords_of, require_integer, require_known
-from ....model.noise.models import Noise
+from ....model.errors.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, motions_of, problem_of

@@ -6,9 +6,9 @@ from itertools import groupby
 
 import numpy as np
 
-from ....core.formatting.numbers import digits
-from ....core.numbers.limits import MAX_NAMED
+from ....core.limits import MAX_NAMED
 from ....core.presentation.document import Answer, Block, Cell, Document, Heading, Paragraph, Table, document_of
+from ....core.presentation.numbers import digits
 from ..monte_carlo.consistency import HARMLESS_SD_ERROR
 from ..monte_carlo.sums import UNITS
 from ..outcome import limit, limit_blocks

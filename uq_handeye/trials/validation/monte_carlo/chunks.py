@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ....core.files.json_values import JsonObject
 from ....core.geometry.se3 import Array
-from ....core.runtime.threads import one_thread
+from ....core.threads import one_thread
 from ....errors import InputError
 from ...simulation.experiment import Experiment
 from ...simulation.run import run

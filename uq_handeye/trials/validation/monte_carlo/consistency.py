@@ -42,9 +42,9 @@ from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammainc
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import DOUBTFUL
-from ....core.numbers.rounding import SOLUTION_ROUNDING, TINY
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.levels import DOUBTFUL
+from ....core.read_only import ReadOnlyArrays
+from ....core.rounding import SOLUTION_ROUNDING, TINY
 from ....errors import InputError
 from .sums import LEVELS, PARTS, SIZES, Sums, in_words, lower_factor
 

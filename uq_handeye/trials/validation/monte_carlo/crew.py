@@ -15,8 +15,8 @@ from contextlib import ExitStack
 from itertools import islice
 from typing import cast
 
-from ....core.numbers.rounding import TINY
-from ....core.runtime.executors import LocalProcesses
+from ....core.executors import LocalProcesses
+from ....core.rounding import TINY
 from ....errors import InputError
 from .chunks import Chunk, Work, compute_chunks
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes, plain
-from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import Answer, Block, Document, Paragraph, document_of
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.presentation.numbers import digits
+from ....core.read_only import ReadOnlyArrays
 from ....findings import Finding
-from ....model.noise.models import Noise
+from ....model.errors.models import Noise
 from ...simulation.experiment import Experiment
 from ..outcome import NoiseOfData, Outcome, limit, limit_blocks
 from ..sentences import ALL

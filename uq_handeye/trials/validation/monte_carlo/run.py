@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike
 from ....core.files.json_values import Json
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
-from ....core.numbers.rounding import TINY
-from ....core.runtime.progress import progress_bar
-from ....core.runtime.threads import one_thread
+from ....core.progress import progress_bar
+from ....core.rounding import TINY
+from ....core.threads import one_thread
 from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known, require_type
 from ....findings import Finding
-from ....model.noise.models import Noise
+from ....model.errors.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out

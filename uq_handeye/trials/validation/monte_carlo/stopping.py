@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import INTERVAL
+from ....core.levels import INTERVAL
 from ....errors import InputError, require_integer
 from ....findings import Finding
 from .consistency import MIN_TRIALS

@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammainccinv, gammaincinv
 
-from ....core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import INTERVAL
-from ....core.numbers.rounding import SOLUTION_ROUNDING
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.levels import INTERVAL
+from ....core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ....core.read_only import ReadOnlyArrays
+from ....core.rounding import SOLUTION_ROUNDING
 from ....errors import InputError
 
 PARTS = ("joint", "rotation", "translation")

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ....core.formatting.numbers import digits, fixed, probability
-from ....core.numbers.levels import CONTRADICTED, IMPOSSIBLE, INTERVAL, RARE
-from ....core.numbers.rounding import TINY
+from ....core.levels import CONTRADICTED, IMPOSSIBLE, INTERVAL, RARE
 from ....core.presentation.document import Block, Paragraph, Table
+from ....core.presentation.numbers import digits, fixed, probability
+from ....core.rounding import TINY
 from .consistency import HARMLESS_SD_ERROR, LIKELIHOOD_RATIO, MIN_TRIALS
 from .sums import COMPONENTS, LEVELS, PARTS, SIZES, UNITS, in_words
 

@@ -22,7 +22,7 @@ import numpy as np
 from ....core.files.json_values import Json, JsonObject
 from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.read_only import ReadOnlyArrays
 from ....findings import Finding
 
 # A chain has converged below this split R-hat (Vehtari et al. 2021), ...

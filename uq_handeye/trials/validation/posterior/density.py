@@ -45,12 +45,12 @@ from scipy.linalg import solve_triangular
 
 from ....core.geometry.checks import is_number
 from ....core.geometry.se3 import Array
-from ....core.numbers.rounding import TINY
+from ....core.rounding import TINY
 from ....errors import DegenerateMotionError, InputError
-from ....fit.likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
-from ....fit.likelihood.gauss_helmert import Fit, corrected, maximum_likelihood
-from ....model.noise.models import Noise, PairNoise, PoseNoise, is_joint
-from ....model.noise.square_roots import Covariance, cholesky_of, gram, whiten
+from ....fit.graph.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
+from ....fit.graph.gauss_helmert import Fit, corrected, maximum_likelihood
+from ....model.errors.models import Noise, PairNoise, PoseNoise, is_joint
+from ....model.errors.square_roots import Covariance, cholesky_of, gram, whiten
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.run import BLOCK_POSES

@@ -24,7 +24,7 @@ from emcee.moves import DEMove, DESnookerMove, MHMove, Move
 from scipy.linalg import solve_triangular
 
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import RARE
+from ....core.levels import RARE
 
 LogDensity = Callable[[Array], Array]
 # Degrees of freedom of the proposal: heavier tails than the posterior, or a walker far out would stay there.

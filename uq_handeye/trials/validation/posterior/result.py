@@ -18,11 +18,11 @@ from ....core.files.records import attributes
 from ....core.geometry.checks import is_number
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
-from ....core.numbers.levels import INTERVAL
+from ....core.levels import INTERVAL
 from ....core.presentation.document import to_text
-from ....core.runtime.read_only import ReadOnlyArrays
+from ....core.read_only import ReadOnlyArrays
 from ....errors import InputError, MissingExtraError, NotConvergedError
-from ....model.noise.models import Noise
+from ....model.errors.models import Noise
 from ..monte_carlo.sums import LEVELS
 from ..outcome import Outcome
 from .convergence import PosteriorDiagnostics

@@ -1,7 +1,7 @@
 """Sampling of the posterior of X by Markov chain Monte Carlo, a test of the bound that does not linearise in X.
 
 Model: `density` (likelihood of T5, flat prior on the six coordinates of X, W integrated out). For small noise its
-covariance is that of the bound (`likelihood.bound`), not 4DPA's, which wastes information (T8). It is sampled by emcee
+covariance is that of the bound (`graph.bound`), not 4DPA's, which wastes information (T8). It is sampled by emcee
 (Foreman-Mackey et al. 2013, doi:10.1086/670067) with the moves of `proposal`, until `convergence` finds enough
 effective samples; before that nothing is reported.
 """
@@ -21,8 +21,8 @@ from ....core.files.json_values import JsonObject
 from ....core.geometry.checks import is_number
 from ....core.geometry.frames import SETUPS
 from ....errors import InputError, keywords_of, require_integer, require_known, require_type
-from ....fit.one_model.noise_of_data import estimate_noise
-from ....model.noise.models import Noise, PairNoise, PoseNoise
+from ....fit.graph.noise_of_data import estimate_noise
+from ....model.errors.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out

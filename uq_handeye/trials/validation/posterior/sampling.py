@@ -18,7 +18,7 @@ import numpy as np
 from emcee.backends import Backend
 
 from ....core.geometry.se3 import Array
-from ....core.runtime.progress import working
+from ....core.progress import working
 from ..resumable import Run
 from .chain import Chain, HeldBackend, chain_of, content_of
 from .convergence import MIN_AUTOCORRELATION_TIMES, PosteriorDiagnostics, autocorrelation_time, diagnose

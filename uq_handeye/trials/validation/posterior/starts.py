@@ -12,11 +12,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ....core.geometry.se3 import Array, difference
-from ....core.numbers.limits import MIN_POSES
+from ....core.limits import MIN_POSES
 from ....errors import InputError, NotConvergedError
-from ....fit.likelihood.gauss_helmert import Fit, efficient
-from ....fit.likelihood.robust import robust_fit
-from ....model.noise.models import Noise
+from ....fit.graph.gauss_helmert import Fit, efficient
+from ....fit.graph.robust import robust_fit
+from ....model.errors.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from .density import Density

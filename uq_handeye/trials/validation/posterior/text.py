@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import Block, Document, Paragraph, Table, document_of
+from ....core.presentation.numbers import digits
 from ..monte_carlo.sums import LEVELS, UNITS
 from ..outcome import part_of
 from .result import Posterior

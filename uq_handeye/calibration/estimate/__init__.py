@@ -1,1 +1,0 @@
-"""Parts of a calibration: X and W with their covariances, the fit, the errors that all poses share, the origin."""

@@ -1,1 +1,0 @@
-"""Numbers, units, paragraphs and snippets as text."""

@@ -1,1 +1,0 @@
-"""Numbers that many packages share: statistical levels, rounding errors, limits of input and of text."""

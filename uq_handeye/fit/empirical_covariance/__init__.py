@@ -1,1 +1,0 @@
-"""Covariances without a noise model: sandwich and bootstrap."""

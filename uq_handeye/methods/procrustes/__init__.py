@@ -1,1 +1,0 @@
-"""4DPA: registration, its limit, finite d, sensitivities, SO(4) covariances."""

@@ -1,1 +1,0 @@
-"""Propagation of the noise of the data to the covariance of a published X."""

@@ -1,1 +1,0 @@
-"""Errors of measured poses: the key that names one everywhere."""

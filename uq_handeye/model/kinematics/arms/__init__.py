@@ -1,1 +1,0 @@
-"""Common arms by name, many arms at once, and postures of poses without joint values."""
