@@ -45,6 +45,14 @@ def exchanged(rig, rows, rng):
     return with_poses(rig, [left, right])
 
 
+def exchanged_of_a_pair(rig, rows, rng):
+    """Exchanged views of cameras that are parallel, 10 cm apart: they are wrong in translation only."""
+    left, right = (view.poses.copy() for view in rig.views)
+    left[rows, 0, 3] += 0.1
+    right[rows, 0, 3] -= 0.1
+    return with_poses(rig, [left, right])
+
+
 def one_camera(rig, rows, rng):
     return with_poses(rig, [rig.views[0].poses, knocked(rig.views[1].poses, rows, rng)])
 
@@ -55,6 +63,8 @@ def one_camera(rig, rows, rng):
         (HAND, 40, robot_rows, 2),
         (HAND, 20, both_cameras, 3),
         (HAND, 20, exchanged, 6),
+        (HAND, 20, exchanged_of_a_pair, 3),
+        pytest.param(HAND, 20, exchanged_of_a_pair, 6, marks=pytest.mark.slow),
         (CELL, 20, exchanged, 3),
         (CELL, 20, exchanged, 6),
         pytest.param(CELL, 20, both_cameras, 3, marks=pytest.mark.slow),

@@ -23,7 +23,7 @@ from scipy.special import ndtr, ndtri
 from ...core.geometry.se3 import Array
 from ...core.levels import INTERVAL
 from ...core.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
-from ...errors import InputError, NotConvergedError
+from ...errors import InputError
 from ...model.errors.camera_noise import CameraNoise
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.key import ErrorKey, Kind, Owner
@@ -53,13 +53,11 @@ from ...model.shared_errors.view import lines_of_sight, view_block
 from .constraint import Constraint, Unknowns
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, NEAR_SD, REACH_SD, ROUGH_GAIN, Mode, find_mode, followed, other_modes
+from .mode import GAIN, ROUGH_GAIN, Mode, find_mode
 from .reduced_rows import Reduced, reduce_rows
-from .starts import ROUGH_STEP_SD
+from .search import Linear, Problem, search
 
 KINDS = (Kind.ROTATION, Kind.TRANSLATION)
-# Largest number of times that the model is linearised.
-MAX_LINEARISATIONS = 6
 # At most this many poses, evenly spread over the rows, are used to estimate the sizes; and as long as unknowns and
 # robust weights are not final, by which rows are judged.
 MAX_POSES_FOR_SIZES, MAX_POSES_FOR_ROUGH_SIZES = 200, 100
@@ -250,7 +248,7 @@ class JointModel:
         InputError
             No more residuals than unknowns.
         NotConvergedError
-            Unknowns or sizes that do not converge.
+            Unknowns or sizes that do not converge (`search`).
         """
         n = self.constraint.n
         kept = np.arange(n) if weights is None else np.flatnonzero(weights)
@@ -261,64 +259,23 @@ class JointModel:
         if len(kept) > most:
             used = np.unique(np.linspace(0, len(kept) - 1, most).round().astype(np.intp))
         part = constraint.rows(used) if len(used) < len(kept) else constraint
-        rows = part, kept, used
-        try:
-            found = self._converged(rows, at, start, gain)
-        except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
-            found = self._converged(rows, at, None, gain, NEAR_SD)
-        if gain > GAIN or found.exact.any():
-            return found
-        others = other_modes(found.model, found.mode) if known is None else followed(found.model, found.mode, known)
-        best = max((found.mode, *others), key=lambda known: known.log_evidence)
-        if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
-            step = found.reduced.unreduced(found.model.of_poses(best.theta).mean)
-            try:
-                found = self._converged(rows, found.at.moved(step), best.theta, gain)
-                others = other_modes(found.model, found.mode)
-            except NotConvergedError:
-                others = [other for other in others if other.log_evidence < found.mode.log_evidence]
-        return replace(found, others=tuple(others))
-
-    def _converged(
-        self,
-        rows: tuple[Constraint, NDArray[np.intp], NDArray[np.intp]],
-        at: Unknowns,
-        theta: Array | None,
-        gain: float,
-        reach: float = REACH_SD,
-    ) -> FoundSizes:
-        """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
-        part, kept, used = rows
-        every = len(used) == self.constraint.n
+        every = len(used) == n
         components = self.components if every else tuple(one.rows(kept[used]) for one in self.components)
-        exact, nothing_open = np.zeros(2, dtype=bool), self.nothing_open and every
-        for done in range(MAX_LINEARISATIONS):
+        nothing_open = self.nothing_open and every
+
+        def linear_at(at: Unknowns) -> Linear:
+            nonlocal nothing_open
             model, reduced = self._model(part, at, kept[used], components, nothing_open)
-            if not done:
-                nothing_open = reduced.basis is None
-                exact = self._exact(part, model)
-                if exact.any():
-                    return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
-                self._require_freedom(part, model.p)
-            exactly = min(gain, GAIN) if done > 2 else gain if done or theta is not None else max(gain, ROUGH_GAIN)
-            mode = find_mode(model, theta, exactly, reach)
-            theta = mode.theta
-            found = model.of_poses(theta)
-            step, C = found.mean, found.covariance
-            enough = ROUGH_STEP_SD if done == MAX_LINEARISATIONS - 1 else ROUGH_STEP_SD / 5.0
-            # the first term that linear rows leave out: the squared rotation of X
-            left_out = float(np.sum(reduced.unreduced(step)[:3] ** 2))
-            as_linear = exactly <= gain and left_out < ROUGH_STEP_SD**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
-            if as_linear or (done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2):
-                return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
-            at = at.moved(reduced.unreduced(step))
-        turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
-        raise NotConvergedError(
-            f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "
-            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
-            "poses and for outliers; or give the noise.",
-            mode,
-        )
+            nothing_open = reduced.basis is None
+            return Linear(model, reduced)
+
+        first = linear_at(at)
+        exact = self._exact(part, first.model)
+        if exact.any():
+            return FoundSizes(self, *first, find_mode(first.model), at, kept, kept[used], exact)
+        self._require_freedom(part, first.model.p)
+        found = search(Problem(linear_at, Unknowns.moved), at, start, gain, known, first)
+        return FoundSizes(self, *found.linear, found.mode, found.at, kept, kept[used], exact, found.others)
 
     def _require_freedom(self, constraint: Constraint, p: int) -> None:
         dof = 6.0 * constraint.n - p + (0 if self.pose_prior is None else self.pose_prior.rank)

@@ -182,9 +182,15 @@ def _other_mode(model: LatentModel, start: Array, known: Sequence[Mode], log_odd
 
 def _of_residuals(model: LatentModel, number: int) -> float:
     """Return the size of a noise of each pose at which it is as large as the residuals, where it is the least part."""
-    variance = np.einsum("nii->i", model.blocks[number])
-    rows = variance > 1e-12 * variance.max()
-    return float(np.sqrt(((model.r**2).sum(axis=0)[rows] / variance[rows]).max()))
+    variance, square = np.zeros(6), np.zeros(6)
+    for rows in model.groups:
+        if number in rows.blocks:
+            each = np.einsum("nii->ni", rows.blocks[number]).reshape(-1, 6)
+            has = each.any(axis=-1)  # rows of other owners have none of it
+            variance += each[has].sum(axis=0)
+            square += (rows.r.reshape(-1, 6)[has] ** 2).sum(axis=0)
+    some = variance > 1e-12 * variance.max()
+    return float(np.sqrt((square[some] / variance[some]).max()))
 
 
 def _apart(theta: Array, known: Mode, least: float = NEAR_SD) -> bool:

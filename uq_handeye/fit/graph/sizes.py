@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, perturb
-from ...errors import NotConvergedError
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
 from ...model.errors.sizes import SIZES, Size
@@ -45,9 +44,11 @@ from .engine import LatentModel, Rows
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
 from .integration import Mixture, integrate
-from .mode import GAIN, find_mode
+from .mode import GAIN, ROUGH_GAIN, find_mode
 from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, scene_components
+from .reduced_rows import Reduced
 from .request import Request
+from .search import Linear, Problem, search
 
 # Cameras differ from their common median by this factor (1 sigma of the logarithm).
 CAMERA_SPREAD_FACTOR = 2.0
@@ -61,9 +62,6 @@ MIN_WIDTH_EVIDENCE = 3.0
 WIDTH = ErrorKey(Owner.TARGETS, Kind.WIDTH)
 # The sizes are found from at most this many views, in whole groups.
 MAX_VIEWS_FOR_SIZES = 600
-# The linearisation has converged where a step moves the poses by less, in standard deviations.
-MAX_CONVERGED_STEP_SD = 0.02
-NOT_CONVERGED = "Noise estimation of the rig did not converge. Give the noise, or look for outliers."
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
 ALL_TARGETS = Owner.TARGETS
 # Kinds of the errors that all poses of an arm, a camera or a target share.
@@ -301,7 +299,7 @@ def find_sizes(
     ``parts``: the components, for targets of that width. ``theta`` (k,): logarithms to begin with. ``whole``: integrate
     over the uncertainty of the sizes instead of taking the most probable ones only.
 
-    Raises `NotConvergedError` where poses or sizes do not converge.
+    Raises `NotConvergedError` where poses or sizes do not converge (`search`).
     """
     rig, graph = task.rig, task.graph
     used = graph.of_edges(
@@ -309,24 +307,21 @@ def find_sizes(
     )
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
-    for done in range(10):
+
+    def linear_at(at: Array) -> Linear:
         model = model_of(rig, used, own, at, task.prior)
-        mode = find_mode(model, theta, GAIN if done else max(GAIN, 1e-2))
-        theta = mode.theta
-        with np.errstate(over="ignore", invalid="ignore"):  # of files that do not fit at all
-            found = model.of_poses(theta)
-        if not (np.isfinite(found.mean).all() and np.isfinite(found.covariance).all()):
-            raise NotConvergedError(NOT_CONVERGED)
-        square = float(found.mean @ np.linalg.lstsq(found.covariance, found.mean, rcond=None)[0])
-        if done and square < MAX_CONVERGED_STEP_SD**2 * len(found.mean):
-            break
-        at = perturb(at, (found.mean if done < 2 else 0.5 * found.mean).reshape(-1, 6))  # some go to and fro
-    else:
-        raise NotConvergedError(NOT_CONVERGED)
+        return Linear(model, Reduced(model.J, None, None))
+
+    def moved(at: Array, step: Array) -> Array:
+        return np.asarray(perturb(at, step.reshape(-1, 6)))
+
+    found = search(Problem(linear_at, moved), at, theta, GAIN if whole else ROUGH_GAIN)
+    model, theta = found.linear.model, found.mode.theta
     if not whole:
-        one = Mixture(np.ones(1), theta[None], found.mean[None], found.covariance[None], np.ones(1), np.zeros(1))
-        return replace(found_of(rig, graph, parts, one, np.zeros_like(found.covariance), width), theta=theta)
-    mixture = integrate(model, [mode])
+        one = model.of_poses(theta)
+        point = Mixture(np.ones(1), theta[None], one.mean[None], one.covariance[None], np.ones(1), np.zeros(1))
+        return replace(found_of(rig, graph, parts, point, np.zeros_like(one.covariance), width), theta=theta)
+    mixture = integrate(model, [found.mode, *found.others])
     centre = model.of_poses(mixture.mean_theta)
     spread = mixture.about(centre.mean) - centre.covariance
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))

@@ -65,8 +65,9 @@ def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
 def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> tuple[Array, NDArray[np.bool_]]:
     """Return the start of the least median misfit of that given and those from few moments, and the edges that agree.
 
-    The misfit of an edge is the larger of its rotation and its translation over their medians at the start given.
-    Another start than that is taken where its median misfit is below half: from few right moments it is larger.
+    The misfit of a start is the product of its median residuals of rotation and of translation over those of the start
+    given: wrong rows often spoil one of the two only. Another start is taken where its misfit is below half: from few
+    right moments it is larger.
     """
 
     def sizes(T: Array) -> Array:
@@ -82,7 +83,7 @@ def _consensus(graph: Graph, at: Array, kept: NDArray[np.bool_], seed: int) -> t
             tried = _solved(graph.of_edges(some), seed)
         except (DegenerateMotionError, InputError):
             continue
-        misfit = float(np.median((sizes(tried) / scale).max(axis=-1)))
+        misfit = float(np.prod(np.median(sizes(tried), axis=0) / scale))
         if misfit < least:
             best, least = tried, misfit
     if best is at:

@@ -1,0 +1,143 @@
+r"""The sizes of the errors and the unknown poses, found in turns.
+
+The rows are linearised at the unknowns (`LatentModel`), the most probable sizes are found there (`mode`), and the
+unknowns take the step of these sizes, until it is short in its standard deviations. At the end further modes are looked
+for; from a more probable one the search goes on. One camera and any number of cameras, targets and arms are searched
+alike: they differ in how rows are linearised and unknowns moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from ...core.geometry.se3 import Array
+from ...errors import NotConvergedError
+from .engine import LatentModel
+from .mode import GAIN, NEAR_SD, REACH_SD, ROUGH_GAIN, Mode, find_mode, followed, other_modes
+from .reduced_rows import Reduced
+
+# Largest number of times that the rows are linearised; from the fourth on the unknowns go half of the way, since some
+# would go to and fro.
+MAX_LINEARISATIONS, FULL_STEPS = 10, 3
+# The unknowns have converged where a step moves them by less, root mean square in their standard deviations; and by
+# less than the second where the rows were linearised as often as they may be.
+CONVERGED_STEP_SD, LAST_STEP_SD = 0.006, 0.03
+# The rows are linear up to a step of the rotations whose square is below this share of the residuals of rotation.
+MAX_SHARE_OF_SECOND_ORDER = 0.01
+
+At = TypeVar("At")
+
+
+class Linear(NamedTuple):
+    """The model at one place of the unknowns, and the directions of these that it has."""
+
+    model: LatentModel
+    reduced: Reduced
+
+
+@dataclass(frozen=True, eq=False)
+class Searched(Generic[At]):
+    """The most probable sizes, where the rows are linear, and the other modes there."""
+
+    linear: Linear
+    mode: Mode
+    at: At
+    others: tuple[Mode, ...] = ()  # modes where an error of one number is in its tail, or out of it (`other_modes`)
+
+
+class Problem(NamedTuple, Generic[At]):
+    """What is searched: rows at given unknowns, and unknowns moved by a step of all of them."""
+
+    linear_at: Callable[[At], Linear]
+    moved: Callable[[At, Array], At]
+
+
+def search(
+    problem: Problem[At],
+    at: At,
+    theta: Array | None = None,
+    gain: float = GAIN,
+    known: Sequence[Mode] | None = None,
+    first: Linear | None = None,
+) -> Searched[At]:
+    """Find the sizes and the unknowns near ``at``.
+
+    Parameters
+    ----------
+    theta : (k,)
+        Logarithms of sizes near those that are sought; None: the medians.
+    gain : float
+        What a further step may still promise (`find_mode`); above `GAIN` no further modes are looked for.
+    known : modes
+        The further modes of almost the same rows, which are followed and not searched for again.
+    first : Linear
+        The rows at ``at``, where they are there already.
+
+    Raises
+    ------
+    NotConvergedError
+        Unknowns or sizes that do not converge.
+    """
+    first = problem.linear_at(at) if first is None else first
+    try:
+        found = _converged(problem, at, theta, gain, first)
+    except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
+        found = _converged(problem, at, None, gain, first, NEAR_SD)
+    if gain > GAIN:
+        return found
+    model = found.linear.model
+    others = other_modes(model, found.mode) if known is None else followed(model, found.mode, known)
+    best = max((found.mode, *others), key=lambda one: one.log_evidence)
+    if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
+        step = found.linear.reduced.unreduced(model.of_poses(best.theta).mean)
+        try:
+            there = problem.moved(found.at, step)
+            found = _converged(problem, there, best.theta, gain, problem.linear_at(there))
+            others = other_modes(found.linear.model, found.mode)
+        except NotConvergedError:
+            others = [other for other in others if other.log_evidence < found.mode.log_evidence]
+    return replace(found, others=tuple(others))
+
+
+def _converged(
+    problem: Problem[At], at: At, theta: Array | None, gain: float, linear: Linear, reach: float = REACH_SD
+) -> Searched[At]:
+    """Find sizes and unknowns in turns from ``at``, where the rows are ``linear``, until the unknowns do not move."""
+    for done in range(MAX_LINEARISATIONS):
+        model = linear.model
+        exactly = min(gain, GAIN) if done > 2 else gain if done or theta is not None else max(gain, ROUGH_GAIN)
+        mode = find_mode(model, theta, exactly, reach)
+        theta = mode.theta
+        with np.errstate(over="ignore", invalid="ignore"):  # of data that do not fit at all
+            found = model.of_poses(theta)
+        step, C = linear.reduced.unreduced(found.mean), found.covariance
+        if not (np.isfinite(step).all() and np.isfinite(C).all()):
+            break
+        enough = LAST_STEP_SD if done == MAX_LINEARISATIONS - 1 else CONVERGED_STEP_SD
+        as_linear = exactly <= gain and _second_order(step) < MAX_SHARE_OF_SECOND_ORDER * _turn(model)
+        square = float(found.mean @ np.linalg.lstsq(C, found.mean, rcond=None)[0])
+        if as_linear or (done and square < enough**2 * len(found.mean)):
+            return Searched(linear, mode, at)
+        at = problem.moved(at, step if done < FULL_STEPS else 0.5 * step)
+        linear = problem.linear_at(at)
+    turn, shift = _turn(linear.model), float(np.sqrt(np.mean(linear.model.r.reshape(-1, 2, 3)[:, 1] ** 2)))
+    raise NotConvergedError(
+        f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "
+        f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
+        "poses and for outliers; or give the noise.",
+        mode,
+    )
+
+
+def _second_order(step: Array) -> float:
+    """The first term that linear rows leave out: the largest squared rotation of an unknown pose."""
+    return float((step.reshape(-1, 6)[:, :3] ** 2).sum(axis=-1).max())
+
+
+def _turn(model: LatentModel) -> float:
+    """Root mean square of the residuals of rotation (rad)."""
+    return float(np.sqrt(np.mean(model.r.reshape(-1, 2, 3)[:, 0] ** 2)))
