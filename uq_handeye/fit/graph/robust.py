@@ -35,7 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,7 @@ MAX_ALIKE_RATIO = 50.0
 # Among fewer rows than these a few outliers make most of the noise.
 MIN_POSES_FOR_ALL_ALIKE = 25
 
+Found = TypeVar("Found")
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
 
@@ -365,6 +366,36 @@ def _margin(constraint: Constraint) -> float:
     return 6.0 * float(fdtri(6, 0.5 * (6 * constraint.n - constraint.p), 0.999)) / FULL
 
 
+def in_turns(
+    fitted: Callable[[Array, bool], tuple[Found, Array]], weights: Array, still: Callable[[int], float], most: int
+) -> tuple[Found, Array]:
+    """Fit and weights in turn until they converge: the fit, and the weights (n,) that it was made with.
+
+    Two poses that predict each other, or a scale, may take turns: the mean of the weights ends it from half of the
+    rounds of a fit on, and later weights only fall.
+
+    Parameters
+    ----------
+    fitted : function
+        Of the weights, and whether they are taken as they are, without their mean: the fit, and the weights by it.
+    still : function
+        Of the rounds done: the change of a weight that counts as none.
+
+    Raises
+    ------
+    NotConvergedError
+        Weights that still change after ``most`` rounds.
+    """
+    for k in range(most):
+        found, wanted = fitted(weights, k < UNDAMPED_STEPS)
+        if k >= MAX_ROUNDS:
+            wanted = np.minimum(wanted, weights)
+        if np.abs(wanted - weights).max(initial=0.0) < still(k):
+            return found, weights
+        weights = wanted if k < UNDAMPED_STEPS else 0.5 * (wanted + weights)
+    raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
+
+
 class _Settled(NamedTuple):
     fit: Fit
     distances: Array
@@ -391,7 +422,9 @@ def _settle(
     ones).
     """
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
-    for k in range(most):
+
+    def fitted(weights: Array, undamped: bool) -> tuple[_Settled, Array]:
+        nonlocal scale2, at, plain
         plain = plain and bool((weights == 1).all())
         found, begun = fit(constraint, noise, at, steps, weights), at
         if not found.converged.all():
@@ -401,18 +434,21 @@ def _settle(
             )
         at = found.unknowns
         distances, leverage = pose_distances(found)
-        if k < UNDAMPED_STEPS:
+        if undamped:
             scale2 = scale_guard(distances)
-        wanted = robust_weights(distances / (scale2 * margin))
-        quick = k >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # or one of more than a thousand poses
-        still = bool(np.abs(wanted - weights).max() < (still_at or (BORDER_SHARE if quick else STEP_SD)))
-        if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
-            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
-        if still:
-            steps, at = MAX_ML_STEPS, begin
-        # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.
-        weights = wanted if k < UNDAMPED_STEPS else 0.5 * (wanted + weights)
-    raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
+        limit, scale = FULL * scale2 * margin, float(np.sqrt(scale2))
+        settled = _Settled(found, distances, leverage, scale, limit, plain, begun)
+        return settled, robust_weights(distances / (scale2 * margin))
+
+    def still(done: int) -> float:
+        quick = done >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # or one of more than a thousand poses
+        return still_at or (BORDER_SHARE if quick else STEP_SD)
+
+    settled, weights = in_turns(fitted, weights, still, most)
+    if method == "efficient":
+        return settled
+    steps, at = MAX_ML_STEPS, begin
+    return in_turns(fitted, weights, still, most)[0]
 
 
 def _alternate(

@@ -20,16 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...errors import InputError, NotConvergedError
+from ...errors import InputError
 from ...model.errors.models import factor
 from ...model.errors.square_roots import LEAST_WEIGHT
 from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Weights, fit
+from .gauss_helmert import MAX_ROUNDS
 from .graph import Graph
 from .noise import RigNoise
-from .robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights, scale_guard
+from .robust import in_turns, largest_by_chance, left_out, robust_weights, scale_guard
 
-# Robust weights have converged where none of them changes by more.
-MAX_SETTLED_CHANGE = 0.01
+# Robust weights have converged where none of them changes by more; and in the last round.
+MAX_SETTLED_CHANGE, MAX_LAST_CHANGE = 0.01, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,23 +106,19 @@ def fit_robustly(
         weights = found.weights
         del found, far
     at, cleared = start, np.zeros(graph.P, dtype=bool)
-    for k in range(40):
-        found = fit(graph, noise, at, method, weights, prior)
+
+    def fitted(w: Array, _: bool) -> tuple[tuple[RigFit, Distances], Array]:
+        nonlocal at, weights, cleared
+        found = fit(graph, noise, at, method, weights._replace(edges=w[: graph.E], poses=w[graph.E :]), prior)
         at, far, weights = found.at, distances(found), found.weights
         worst = _worst(graph, far)
         cleared |= (weights.poses == 0) & (worst > limit)  # its views contradict each other without it, too
-        wanted = _wanted(graph, far, worst, cleared)
-        if k >= 20:  # those that take turns would never end: weights only fall
-            wanted = np.minimum(wanted[0], weights.edges), np.minimum(wanted[1], weights.poses)
-        change = max(np.abs(wanted[0] - weights.edges).max(), np.abs(wanted[1] - weights.poses).max(initial=0.0))
-        if change < MAX_SETTLED_CHANGE:
-            break
-        if k >= UNDAMPED_STEPS and k < 20:
-            wanted = 0.5 * (wanted[0] + weights.edges), 0.5 * (wanted[1] + weights.poses)
-        weights = weights._replace(edges=wanted[0], poses=wanted[1])
-    else:
-        if change > 0.2:
-            raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
+        return (found, far), np.concatenate(_wanted(graph, far, worst, cleared))
+
+    def still(done: int) -> float:
+        return MAX_SETTLED_CHANGE if done < 2 * MAX_ROUNDS - 1 else MAX_LAST_CHANGE
+
+    (found, far), _ = in_turns(fitted, np.concatenate([weights.edges, weights.poses]), still, 2 * MAX_ROUNDS)
     counted = int((found.view_weights > 0).sum())
     if 2 * counted < graph.E:
         raise InputError(
