@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.calibration.tolerance import Tolerance
 from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.model.poses.scene_facts import SceneFacts
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.json_lines import Lines
 from uq_handeye.use.live_session.nodes import ellipsoid, nice
@@ -250,9 +251,10 @@ class SceneOfTwelve(NamedTuple):
 
     images: str
     camera: np.ndarray
+    facts: SceneFacts | None = None
 
     def paired(self, paths, robot, setup):
-        return uq.PosePairs(robot, self.camera[: len(paths)], setup)
+        return uq.PosePairs(robot, self.camera[: len(paths)], setup, scene=self.facts)
 
 
 def test_pictures_of_a_scene_are_paired_with_the_robot_poses_that_are_there(tmp_path):
@@ -267,3 +269,33 @@ def test_pictures_of_a_scene_are_paired_with_the_robot_poses_that_are_there(tmp_
     n, found = folder.read()
     assert n == 8 and np.allclose(found.robot, poses.robot[:8]) and np.array_equal(found.camera, poses.camera[:8])
     assert found.sources[0].format == "csv"
+
+
+@pytest.mark.slow
+def test_a_scene_is_drawn_as_its_points_and_not_as_a_board(tmp_path, monkeypatch):
+    pytest.importorskip("viser", reason="viser (extra live) is not installed")
+    from uq_handeye.use.live_session import scene as drawing
+    from uq_handeye.use.live_session.page import Page
+
+    points = np.random.default_rng(0).normal(scale=0.1, size=(50, 3))
+    monkeypatch.setattr(drawing, "_points_of", lambda known: points)
+    facts = SceneFacts(12, 50, 30.0, 0.5, 600.0, 1.0, known="a")
+    for setup, board, ball in (("eye-in-hand", "/target/board", None), ("eye-to-hand", None, "/poses/0")):
+        poses = uq.simulate(n_poses=8, noise=NOISE, setup=setup, seed=3)
+        seen = SceneOfTwelve(f"{tmp_path}/{setup}/*.png", poses.camera, facts)
+        page = Page(Session(Folder(tmp_path / setup, {"setup": setup}, seen)), port=0)
+        try:
+            assert "the scene in the middle" in page._summary.content and "board" not in page._summary.content
+            assert ("/sketch/fixed" in page._scene.nodes._nodes) and "/scene" not in page._scene.nodes._nodes
+            for k in range(8):
+                (tmp_path / setup / f"img{k}.png").write_bytes(b"")
+            uq.write_pose_file(tmp_path / setup / "robot.csv", poses.robot)
+            answer = page.session.update()
+            nodes = page._scene.nodes
+            assert answer.result is not None and "/scene" in nodes._nodes and board not in nodes._nodes
+            at = answer.result.W if setup == "eye-in-hand" else poses.robot[-1] @ answer.result.W
+            shown = np.frombuffer(nodes._made["/scene"][0]).reshape(-1, 3)
+            np.testing.assert_allclose(shown, points @ at[:3, :3].T + at[:3, 3])
+            assert ball is None or type(nodes._nodes[ball]).__name__ == "IcosphereHandle"
+        finally:
+            page.close()

@@ -7,7 +7,7 @@ from fixtures.scene_tracks import simulated
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import difference, perturb
 from uq_handeye.scene.adjust import adjust, reduce
-from uq_handeye.scene.known import KnownScene, adjusted_with, packed, unpacked
+from uq_handeye.scene.known import KnownScene, adjusted_with, packed, points_in_frame, unpacked
 from uq_handeye.scene.poses import as_poses, similarity
 
 
@@ -63,3 +63,15 @@ def test_later_pictures_are_as_certain_as_stated():
         off = difference(poses, true[n:]).ravel()
         ratio.append(off @ np.linalg.solve(np.asarray(covariance), off) / (6 * m))
     assert 0.75 < np.mean(ratio) < 1.35, ratio
+
+
+@pytest.mark.slow
+def test_points_are_drawn_in_the_frame_of_the_result():
+    _, known, _ = parts(1, 6, 2)
+    points = points_in_frame(known, 200)
+    assert 150 < len(points) <= 200
+    distance = np.linalg.norm(points[:, None] - known.scene.points, axis=-1).min(axis=1)
+    assert distance.max() < 0.01 * np.ptp(points, axis=0).max()
+    frame = perturb(np.eye(4), np.array([0.3, -0.2, 0.1, 1.0, 2.0, 3.0]))
+    elsewhere = known._replace(scene=known.scene.moved(frame).scaled(1.7))
+    np.testing.assert_allclose(points_in_frame(elsewhere, 200), points, atol=1e-9)

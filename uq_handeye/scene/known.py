@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.files.one_line import refused
-from ..core.geometry.se3 import Array, difference, perturb
+from ..core.geometry.se3 import Array, difference, inverse, perturb
+from ..core.numbers.rounding import TINY
 from ..errors import InputError
 from ..formats.numpy_poses import members
 from ..model.camera.models import CORNER_PX
@@ -127,6 +128,21 @@ def unpacked(text: str) -> KnownScene:
         if any(beyond) or len(of["descriptors"]) != len(described) or len(of["poses"]) != len(scene.poses):
             raise InputError("the scene of the result: its arrays do not belong together.")
         return KnownScene(scene, of["poses"], described, of["descriptors"], bool(of["weak"]))
+
+
+def points_in_frame(known: KnownScene, most: int) -> Array:
+    """Return up to ``most`` points (m, 3), without those far away, in the frame and unit of the poses of the result."""
+    first, wanted = known.scene.poses[0], known.poses[0]
+    spread, of_result = (
+        float(np.linalg.norm(at - at.mean(axis=0)))
+        for at in (inverse(C)[:, :3, 3] for C in (known.scene.poses, known.poses))
+    )
+    seen = (known.scene.points @ first[:3, :3].T + first[:3, 3]) * of_result / max(spread, TINY)
+    back = inverse(wanted)
+    points = np.asarray(seen @ back[:3, :3].T + back[:3, 3])
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    near = np.flatnonzero(away <= 4.0 * np.median(away))
+    return points[near[np.linspace(0, len(near) - 1, min(most, len(near))).astype(int)]]
 
 
 def place_pictures(

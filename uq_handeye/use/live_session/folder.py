@@ -94,6 +94,11 @@ class Folder:
     how: Mapping[str, Any] = field(default_factory=dict)
     seen: Seen | SeenScene | None = None
 
+    @property
+    def of_scene(self) -> bool:
+        """True if the pictures are of a scene without a board."""
+        return isinstance(self.seen, SeenScene)
+
     def state(self) -> State:
         """Return names, sizes and times of change of the files."""
         found = []

@@ -39,7 +39,8 @@ def panel(macro: str, *given: Any) -> str:
 
 def summary(session: Session) -> str:
     """Return the answer: headline, verdict, what is included, checks, what the last pose brought, the curve."""
-    begin = f"No poses yet in {session.folder.path.name or session.folder.path}. {words(session.answer)}"
+    folder = session.folder
+    begin = f"No poses yet in {folder.path.name or folder.path}. {words(session.answer, folder.of_scene)}"
     return panel("summary", session, begin, _steps(session))
 
 

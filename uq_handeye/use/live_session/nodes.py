@@ -107,6 +107,15 @@ class Nodes:
 
         self.node(name, (round(side, 4), faint), make, T, colour, clicked)
 
+    def ball(
+        self, name: str, T: Array, radius: float, colour: Colour, faint: bool = False,
+        clicked: Callable[[], None] | None = None,
+    ) -> None:  # fmt: skip
+        """Draw a ball: an object that has no board."""
+        self.node(name, (round(radius, 4), faint), lambda: self.scene.add_icosphere(
+            name, radius, colour, subdivisions=2, opacity=0.35 if faint else 0.8, cast_shadow=False,
+            receive_shadow=False), T, colour, clicked)  # fmt: skip
+
     def frame(self, name: str, T: Array, length: float, text: str) -> None:
         """Draw axes with a label."""
         self.node(name, (round(length, 4),), lambda: self.scene.add_frame(

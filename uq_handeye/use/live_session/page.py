@@ -25,7 +25,7 @@ from .markup import MAX_ROWS_SHOWN, panel, summary
 from .nodes import Picture
 from .question import ONE_AT_A_TIME, Answer
 from .remedies import Remedy
-from .scene import Extras, Scene, touched
+from .scene import Extras, Scene, scene_of, touched
 from .server import HOST, PORT
 from .session import Session
 from .sources import Source, feed
@@ -272,9 +272,12 @@ class Page(BrowserPage):
         self._tried(work)
 
     def _extras(self, poses: PosePairs | None, result: Calibration | None) -> Extras:
-        """Return pictures and touched points; what cannot be used is said where it was added."""
+        """Return pictures, touched points and the scene; what cannot be used is said where it was added."""
+        things = scene_of(poses)
+        if things is None and self.session.folder.of_scene:
+            things = np.zeros((0, 3))
         if poses is None or result is None:
-            return Extras()
+            return Extras(scene=things)
         pictures: list[Picture] = [
             (str(path), partial(_pixels, path)) for path in self.session.folder.pictures_of(poses)
         ]
@@ -285,7 +288,7 @@ class Page(BrowserPage):
                 self._set(self._said, panel("preformatted", points.words))
             except InputError as error:
                 self._set(self._said, panel("preformatted", str(error)))
-        return Extras(pictures, points)
+        return Extras(pictures, points, things)
 
 
 def _pixels(path: Path) -> NDArray[np.uint8] | None:

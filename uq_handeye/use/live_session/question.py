@@ -35,12 +35,15 @@ ONE_AT_A_TIME = threading.RLock()
 POSES_AHEAD, SMALL_GAIN = 5, 0.10
 
 
-def words(answer: Answer) -> str:
+def words(answer: Answer, of_scene: bool = False) -> str:
     """Return what to do next in one sentence; nothing where the answer says it already."""
     if answer.n == 0:
+        seen = "board in the middle, at about twice its diagonal"
+        if of_scene:
+            seen = "scene in the middle, so that it fills the picture"
         return (
-            f"Start with ten poses like those in the picture: the board in the middle, at about twice its diagonal, "
-            f"tilted by up to {max(view[0] for view in VIEWS)} deg to each side, and turned about the line of sight."
+            f"Start with ten poses like those in the picture: the {seen}, tilted by up to "
+            f"{max(view[0] for view in VIEWS)} deg to each side, and turned about the line of sight."
         )
     if answer.passed:
         return "The tolerance is shown to be met: you can finish."

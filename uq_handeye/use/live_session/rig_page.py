@@ -90,8 +90,11 @@ class RigScene:
             for name, place in result.rig.targets.items():
                 if place in at:
                     T = at[place] @ result.targets[name].W
-                    self.nodes.board(f"/targets/{name}", T, 0.4 * distance, DARK)
-                    self.nodes.label(f"/targets/{name}/name", name, np.eye(4), "top-center")
+                    if any(view.scene for view in result.rig.views if view.target == name):  # its points are not known
+                        self.nodes.frame(f"/targets/{name}", T, 0.12 * distance, name)
+                    else:
+                        self.nodes.board(f"/targets/{name}", T, 0.4 * distance, DARK)
+                        self.nodes.label(f"/targets/{name}/name", name, np.eye(4), "top-center")
                     points.append(T[:3, 3])
             if not self._placed:
                 self._placed = True

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from ...core.presentation.numbers import digits
 from ...core.presentation.units import MM_PER_M
 from ...core.rounding import EPS
 from ...model.kinematics.newton import postures_at
+from ...model.poses.pose_pairs import PosePairs
 from ..verification.touches_file import read_touches, require_metres
 from ..verification.verify import verify
 from .nodes import DARK, PALE, Colour, Nodes, Picture, nice
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 GOOD, LIMIT, WRONG, OUT, NEXT, OF_X, ARM = map(rgb, (BLUE, AMBER, "#D50032", "#969696", GREEN, PURPLE, "#788291"))
 # Poses that are drawn and can be clicked; of more, this many that are spread evenly.
 MAX_DRAWN_POSES = 150
+# Points of a scene that are drawn.
+MAX_DRAWN_POINTS = 1500
 # Height of a camera that is drawn, and length of an enlarged ellipsoid, relative to the distance of the target.
 FRUSTUM = 0.075
 # Length of axes and thickness of lines, relative to the same.
@@ -68,10 +71,28 @@ def touched(result: Calibration, touches: Touches | Path) -> Touched:
 
 @dataclass(frozen=True)
 class Extras:
-    """Drawings that are shown with the answer: the picture of each pose, and touched points."""
+    """Drawings that are shown with the answer: the picture of each pose, touched points, and the scene.
+
+    ``scene`` (m, 3): points of a scene without a board in its frame, none where they are not known; None: a board.
+    """
 
     pictures: Sequence[Picture | None] = ()
     touched: Touched | None = None
+    scene: Array | None = None
+
+
+def scene_of(poses: PosePairs | None) -> Array | None:
+    """Return the points of the scene that camera poses are of (see `Extras`); None: they are of a board."""
+    if poses is None or poses.scene is None:
+        return None
+    return _points_of(poses.scene.known) if poses.scene.known else np.zeros((0, 3))
+
+
+@lru_cache(maxsize=2)
+def _points_of(known: str) -> Array:
+    from ...scene.known import points_in_frame, unpacked
+
+    return points_in_frame(unpacked(known), MAX_DRAWN_POINTS)
 
 
 def colours(answer: Answer) -> list[Colour]:
@@ -108,7 +129,7 @@ class Scene:
         with self.nodes.drawing():
             self.nodes.frame("/base", np.eye(4), 0.15, "robot base")
             if poses is None or poses.n == 0:
-                self._sketch(in_hand)
+                self._sketch(in_hand, extras)
                 return
             distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
             self.nodes.axes("/robot", poses.robot, AXES * distance)
@@ -123,9 +144,11 @@ class Scene:
             ends = np.stack([poses.robot[:, :3, 3], moving[:, :3, 3]], axis=1)
             self.nodes.lines("/robot/mounts", ends, PALE, LINE * distance)
             self._fixed(W if in_hand else result.X, distance, in_hand, extras, at)
+            if extras.scene is not None:
+                self._points("/scene", W if in_hand else moving[at], extras.scene, 0.7 * LINE * distance)
             self._ellipsoid(result, poses.robot[at] if in_hand else np.eye(4), distance)
             self._arm(result, poses.robot[at], distance)
-            self._next(answer, W, distance, in_hand)
+            self._next(answer, W, distance, in_hand, extras)
             if extras.touched is not None:
                 self._touches(extras.touched, distance)
             fixed = (W if in_hand else result.X)[None, :3, 3]
@@ -139,12 +162,33 @@ class Scene:
                 np.concatenate([points, np.zeros((1, 3)), points + np.array([0.0, 0.0, 0.1 * distance])])
             )
 
-    def _sketch(self, in_hand: bool) -> None:
-        """Draw ten views to start with, around a board that lies before the robot."""
+    def _target(
+        self, name: str, T: Array, side: float, colour: Colour, extras: Extras, faint: bool = False,
+        clicked: Callable[[], None] | None = None,
+    ) -> None:  # fmt: skip
+        """Draw what the camera sees, where it moves: a board, or a ball for an object without one."""
+        if extras.scene is None:
+            self.nodes.board(name, T, side, colour, faint, clicked)
+        else:
+            self.nodes.ball(name, T, 0.25 * side, colour, faint, clicked)
+
+    def _points(self, name: str, T: Array, points: Array, radius: float) -> None:
+        """Draw the points of a scene at its pose."""
+        if len(points):
+            at = points @ T[:3, :3].T + T[:3, 3]
+            self.nodes.spheres(name, at, np.tile(DARK, (len(at), 1)), radius)
+
+    def _sketch(self, in_hand: bool, extras: Extras) -> None:
+        """Draw ten views to start with, around a board or things that lie before the robot."""
         T = np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         views = starting_views()
         moving = T @ (inverse(views) if in_hand else views)
-        if in_hand:
+        if in_hand and extras.scene is not None:
+            rng = np.random.default_rng(0)
+            heap = rng.normal(size=(300, 3)) * [0.07, 0.05, 0.03]
+            heap[:, 2] = np.abs(heap[:, 2])  # things on a table
+            self._points("/sketch/fixed", T, heap, 0.004)
+        elif in_hand:
             self.nodes.board("/sketch/fixed", T, 0.22, DARK)
         else:
             self.nodes.camera("/sketch/fixed", T, 2 * FRUSTUM, OF_X)
@@ -153,7 +197,7 @@ class Scene:
             if in_hand:
                 self.nodes.camera(name, pose, 0.6 * FRUSTUM, NEXT, filled=True)
             else:
-                self.nodes.board(name, pose, 0.1, NEXT)
+                self._target(name, pose, 0.1, NEXT, extras)
             self.nodes.label(f"{name}/name", str(k + 1), np.eye(4))
         self._look("sketch", np.concatenate([moving[:, :3, 3], T[None, :3, 3]]), 0.5)
 
@@ -173,7 +217,7 @@ class Scene:
                 self.nodes.camera(name, moving[k], size, tints[k], wrong or k == selected, picture, click)
             else:
                 faint = not wrong and k != selected
-                self.nodes.board(name, moving[k], 3 * size, tints[k], faint, click)
+                self._target(name, moving[k], 3 * size, tints[k], extras, faint, click)
             if k in labels or k == selected:
                 text = f"pose {k}" + (f": {answer.result.table.status(k)}" if wrong else "")  # type: ignore[union-attr]
                 self.nodes.label(f"{name}/name", text, np.eye(4), "center-right")
@@ -181,8 +225,9 @@ class Scene:
     def _fixed(self, T: Array, distance: float, in_hand: bool, extras: Extras, at: int) -> None:
         """Draw the target or the camera that does not move."""
         if in_hand:
-            self.nodes.board("/target/board", T, 0.4 * distance, DARK)
-            self.nodes.frame("/target/frame", T, 0.12 * distance, "target")
+            if extras.scene is None:
+                self.nodes.board("/target/board", T, 0.4 * distance, DARK)
+            self.nodes.frame("/target/frame", T, 0.12 * distance, "target" if extras.scene is None else "scene")
         else:
             picture = extras.pictures[at] if at < len(extras.pictures) else None
             self.nodes.camera("/camera/body", T, 2 * FRUSTUM * distance, OF_X, picture=picture)
@@ -214,7 +259,7 @@ class Scene:
         self.nodes.lines("/arm/links", np.stack([joints[:-1], joints[1:]], axis=1), ARM, 6 * LINE * distance)
         self.nodes.spheres("/arm/joints", joints, np.tile(ARM, (len(joints), 1)), 7 * LINE * distance)
 
-    def _next(self, answer: Answer, W: Array, distance: float, in_hand: bool) -> None:
+    def _next(self, answer: Answer, W: Array, distance: float, in_hand: bool, extras: Extras) -> None:
         """Draw the pose to take next, with what it would bring."""
         if answer.ahead is None or answer.result is None:
             return
@@ -222,7 +267,7 @@ class Scene:
         if in_hand:
             self.nodes.camera("/next/pose", T, 1.3 * FRUSTUM * distance, NEXT, filled=True)
         else:
-            self.nodes.board("/next/pose", T, 0.3 * distance, NEXT)
+            self._target("/next/pose", T, 0.3 * distance, NEXT, extras)
         self.nodes.label("/next/words", f"next pose{gain_in_words(answer)}", T, "top-center")
 
     def _touches(self, touched: Touched, distance: float) -> None:

@@ -21,7 +21,7 @@ from .browser_page import BrowserPage
 from .markup import of_point, panel
 from .question import Answer
 from .rig_page import RigPage
-from .scene import Extras, Scene, touched
+from .scene import Extras, Scene, scene_of, touched
 from .server import HOST, PORT
 
 
@@ -48,7 +48,9 @@ class ViewPage(BrowserPage):
         found = None if touches is None else touched(result, touches)
         super().__init__(host, port)
         self.result, self.poses = result, poses
-        self._answer, self._extras = Answer(poses.n, (), result.excluded, poses, result), Extras(touched=found)
+        self._answer, self._extras = (
+            Answer(poses.n, (), result.excluded, poses, result), Extras(touched=found, scene=scene_of(poses))
+        )  # fmt: skip
         self._gui.add_html(panel("result", result))
         self._words = self._gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
