@@ -125,7 +125,7 @@ def named(kind: str, sets: Iterable[int], with_times: bool, answers: Answers) ->
                 counts[answers.of((kind, part, size, with_times, k), answer)] += 1
             others = ", ".join(f"{word} {count}" for word, count in counts.most_common() if word != kind)
             rows.append([kind, part, size, "yes" if with_times else "no", counts[kind], sum(counts.values()), others])
-    return _table(["change", "of", "by", "times", "named", "sets", "other answers"], rows)
+    return table(["change", "of", "by", "times", "named", "sets", "other answers"], rows)
 
 
 def false_alarms(sets: Iterable[int], with_times: bool, answers: Answers) -> str:
@@ -148,7 +148,7 @@ def false_alarms(sets: Iterable[int], with_times: bool, answers: Answers) -> str
         quiet = counts.pop("", 0)
         said = "; ".join(f"{word}: {count}" for word, count in counts.most_common())
         rows.append([words, "yes" if with_times else "no", total - quiet, total, said])
-    return _table(["errors of the arm", "times", "false alarms", "sets", "which"], rows)
+    return table(["errors of the arm", "times", "false alarms", "sets", "which"], rows)
 
 
 def exchanged(sets: Iterable[int], with_times: bool, answers: Answers) -> str:
@@ -169,10 +169,10 @@ def exchanged(sets: Iterable[int], with_times: bool, answers: Answers) -> str:
         quiet = counts.pop("", 0)
         said = "; ".join(f"{word}: {count}" for word, count in counts.most_common())
         rows.append(["yes" if given else "no", "yes" if with_times else "no", total - quiet, total, said])
-    return _table(["files exchanged, noise given", "times", "false alarms", "sets", "which"], rows)
+    return table(["files exchanged, noise given", "times", "false alarms", "sets", "which"], rows)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from studies.one_model.usable import NOISE, drawn
+from studies.one_model.moves import stepped
+from studies.one_model.usable import NOISE, drawn, drawn_rig
 from uq_handeye.cli.app import main
 from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
@@ -32,6 +33,14 @@ def test_a_declared_size_that_the_residuals_refute_is_not_usable():
 def test_three_poses_do_not_test_the_files():
     status = {n: uq.calibrate(with_target_of_other_size(n, 1.0), noise=NOISE).checks[0].status for n in (3, 8)}
     assert status == {3: "not run", 8: "ok"}
+
+
+@pytest.mark.slow
+def test_three_poses_do_not_test_the_errors_that_are_assumed():
+    """Their noise is estimated, and takes whatever these errors leave."""
+    for n, expected in ((3, "not run"), (8, "ok")):
+        checks = {one.name: one.status for one in uq.calibrate(with_target_of_other_size(n, 1.0)).checks}
+        assert checks["shared errors"] == expected
 
 
 @pytest.mark.parametrize(("kept", "severity"), [(8, "caution"), (5, "failure")])
@@ -67,10 +76,38 @@ def test_commands_refuse_a_result_that_is_not_usable(tmp_path, capsys):
         ["diff", file, file],
         ["predict", file, "--robot", robot, "--camera"],
         ["export", file, str(tmp_path / "x.urdf")],
+        ["plan", file, "-k", "1"],
     ):
         with pytest.raises(SystemExit) as ended:
             main(command)
         assert ended.value.code == 3 and wrong.reasons[0] in capsys.readouterr().err, command
+
+
+@pytest.mark.slow
+def test_nothing_is_planned_from_poses_that_contradict_each_other(tmp_path, capsys):
+    poses = stepped([7, 3], "target", 3e-3, 0.0)
+    files = [str(tmp_path / f"{name}.csv") for name in ("robot", "camera")]
+    for file, T in zip(files, (poses.robot, poses.camera), strict=True):
+        uq.write_pose_file(file, T)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", *files, "-k", "1"])
+    said = capsys.readouterr()
+    assert ended.value.code == 3 and "nothing was planned: the target moved from pose 1" in said.err and not said.out
+    found = uq.plan(poses, k=1, sample=20)
+    assert found.to_text().startswith("NOT USABLE: the target moved from pose 1") and found.contradictions
+    right = uq.plan(with_target_of_other_size(12, 1.0), k=1, sample=20)
+    assert not right.contradictions and right.to_text().startswith("1 more pose would bring")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["noise too small", "wrong target size"])
+def test_a_rig_whose_residuals_refute_the_noise_is_not_usable(kind):
+    for k in range(2):
+        rig, options, _ = drawn_rig(kind, 40 + k)
+        result = uq.calibrate(rig, **options)
+        assert not result.usable and "times larger than this noise" in result.reasons[-1]
+        if kind == "noise too small":
+            assert uq.calibrate(rig).usable
 
 
 @pytest.mark.slow

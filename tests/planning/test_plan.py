@@ -436,7 +436,25 @@ def test_the_number_of_poses_until_a_tolerance_is_met():
     assert before < 0.95 <= after
     assert plan(poses, k=1, noise=NOISE, shared=[], tolerance="50mm").needed == 0
     hopeless = plan(poses, k=1, noise=NOISE, tolerance="0.005mm")
-    assert hopeless.needed is None and "More poses will not reach 0.005 mm" in hopeless.to_text()
+    said = " ".join(hopeless.to_text().split())
+    assert hopeless.needed is None and "More poses will not reach 0.005 mm" in said
+    assert "60 more do not. Accept a larger tolerance." in said
+    for shared, remedies in (  # only for errors that the plan includes
+        (("focal length", "target scale"), "Measure the target, give the intrinsics, or accept a larger tolerance."),
+        (("robot accuracy",), "Give the arm or accept a larger tolerance."),
+    ):
+        assert remedies in " ".join(dataclasses.replace(hopeless, shared=shared).to_text().split())
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_a_result_that_leaves_a_part_of_X_open_is_planned_from_as_its_poses_are():
+    poses = simulate(n_poses=3, noise=NOISE, seed=5)
+    result = calibrate(poses)
+    assert result.opened is not None
+    of_poses, of_result = plan(poses, k=2, sample=30), plan(result, k=2, sample=30)
+    np.testing.assert_array_equal(of_result.chosen, of_poses.chosen)
+    np.testing.assert_allclose(of_result.of_cameras, of_poses.of_cameras, rtol=1e-9)
 
 
 @pytest.mark.slow

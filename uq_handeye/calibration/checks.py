@@ -117,7 +117,7 @@ def _all_findings(result: Estimated) -> Iterable[Finding]:
 def _without_findings(name: str, result: Estimated) -> Check:
     """Return the check where nothing was found: passed, or not run and why."""
     if name == INPUT:
-        if result.n_poses is not None and result.n_poses < MIN_POSES_FOR_ROBUST:
+        if _are_few(result):
             return Check(name, "not run", f"{result.n_poses} poses fit under several readings of the files")
         return Check(name, "ok", "rows, units and frames fit together")
     if name == OUTLIERS:
@@ -144,7 +144,14 @@ def _without_findings(name: str, result: Estimated) -> Check:
     assert name == SHARED
     if not included(result):
         return Check(name, "not run", "none declared or assumed")
+    if result.noise_estimate is not None and _are_few(result):
+        return Check(name, "not run", "too few poses")  # the noise takes what these errors would leave
     return Check(name, "ok", "the residuals agree with what is assumed")
+
+
+def _are_few(result: Estimated) -> bool:
+    """Return whether there are so few poses that they fit whatever is assumed."""
+    return result.n_poses is not None and result.n_poses < MIN_POSES_FOR_ROBUST
 
 
 def _of_noise(result: Estimated) -> Check:
@@ -321,13 +328,19 @@ class Checked(Estimated):
         return (*failures, *(one for one in self.cautions if one.severity != "failure" and _is_refuted(one)))
 
     @cached_property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why X cannot be used, the decisive one first; empty where it can."""
+    def contradictions(self) -> tuple[str, ...]:
+        """Reasons why X cannot be used, without the one that more poses mend: that these do not determine X."""
         found = list(dict.fromkeys(one.phrase for one in self.refuting))
         if self.table is not None and len(self.table.counted) < MIN_MANY_POSES:
             rejected, n = len(self.table.rejected), len(self.table.counted)
             if rejected > MAX_REJECTED_OF_FEW * n:  # of few poses as many as are left may agree on a wrong X by chance
                 found.append(f"{rejected} of {n} {self.table.item}s contradict X")
+        return tuple(found)
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons why X cannot be used, the decisive one first; empty where it can."""
+        found = list(self.contradictions)
         if self.covariance is not None:
             turn, move = (float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in _PARTS)
             if turn > MAX_ROTATION_SD_RAD or move > MAX_TRANSLATION_SD * distance_of(self.analysis)[0]:

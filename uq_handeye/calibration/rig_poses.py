@@ -21,6 +21,8 @@ from scipy.special import chdtrc
 
 from ..core.files.records import Record
 from ..core.geometry.se3 import Array, block, inverse, skew
+from ..core.levels import IMPOSSIBLE
+from ..core.presentation.numbers import times_of_noise
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..fit.diagnostics.optimality import Optimality
@@ -36,6 +38,8 @@ from ..model.rig.description import WORLD, Rig
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
+# Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
+MIN_NOISE_RATIO = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,12 +213,18 @@ class RigPoses(Record):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the poses cannot be used; empty where they can."""
+        return self.contradictions
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Reasons why the poses cannot be used, none of which more views mend."""
         found = [str(finding) for finding in self.findings if finding.severity == "failure"]
-        if self.dof > 0 and self.chi_square > MAX_CHI_SQUARE_RATIO * self.dof:
+        ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
+        refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
+        if refuted or ratio > MAX_CHI_SQUARE_RATIO:
             found.append(
-                "The residuals are far larger than the noise says (chi-square "
-                f"{self.chi_square:.0f} of {self.dof:.0f}). Look at what each camera and target is on, at the files, "
-                "and at the noise."
+                f"{times_of_noise(float(np.sqrt(ratio)))} (chi-square {self.chi_square:.0f} of {self.dof:.0f}). Leave "
+                "the noise out, it is then estimated; look at what each camera and target is on, and at the files."
             )
         for (camera, target), (kept, count) in self._kept.items():
             if is_weak_minority(kept, count):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from ...errors import InputError
 from ..arm import Arm, arm_alone
 from ..delivery import deliver_answer
-from ..messages import timed
+from ..exit_status import ExitStatus
+from ..messages import fail, timed
 from ..names import CONTROLLER_NAMES
 from ..noise import Given, given_of, require_of_poses
 from ..options import names_of_options
@@ -111,7 +112,7 @@ def plan_command(
     form: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
-) -> None:
+) -> int:
     """Choose the robot poses to measure next.
 
     Examples:
@@ -129,6 +130,7 @@ def plan_command(
     order in the noise.
 
     Reach and obstacles are not known. Check each pose before you drive there.
+    Poses that contradict each other are no start of a plan: the exit status is 3.
 
     Options (Planning):
       form = --as NAME <FORMS>: Controller in whose form the poses are printed and written: {CONTROLLER_NAMES}; or
@@ -177,12 +179,20 @@ def plan_command(
             **planning.of_plan,
             **of_arm,
         )
-    _deliver(found, form, as_json, output)
+    if found.contradictions:
+        return _not_usable("The calibration of these poses", found.contradictions)
+    return _deliver(found, form, as_json, output)
+
+
+def _not_usable(name: object, contradictions: tuple[str, ...]) -> int:
+    """Say why nothing is planned, and return the exit status."""
+    fail(f"{name} is NOT USABLE, so nothing was planned: {contradictions[0].rstrip('.')}. Calibrate again.")
+    return ExitStatus.NOT_USABLE
 
 
 def _plan_of_result(
     stored: "Calibration | RigCalibration", planning: Planning, form: str | None, as_json: bool, output: Path | None
-) -> None:
+) -> int:
     """Plan from the posterior of a stored result."""
     from ...calibration.rig_result import RigCalibration
     from ...read.rig.pose_rows import read_rows
@@ -191,6 +201,8 @@ def _plan_of_result(
 
     refuse("--as", *names_of_options(Planning), what="a stored result")
     planning.require_possible(None)
+    if stored.contradictions:
+        return _not_usable("The result", stored.contradictions)
     rows: Any = None
     if planning.candidates is not None and isinstance(stored, RigCalibration):
         arm, *others = stored.rig.arms
@@ -206,10 +218,10 @@ def _plan_of_result(
             planning.k,
             **planning.of_plan,
         )
-    _deliver(found, form, as_json, output)
+    return _deliver(found, form, as_json, output)
 
 
-def _deliver(found: "Plan", form: str | None, as_json: bool, output: Path | None) -> None:
+def _deliver(found: "Plan", form: str | None, as_json: bool, output: Path | None) -> int:
     if form is not None:
         if found.joints is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")
@@ -222,3 +234,4 @@ def _deliver(found: "Plan", form: str | None, as_json: bool, output: Path | None
         return {**poses, "plan.json": found.to_json(), **more}
 
     deliver_answer(found.to_json(), found.to_text(), as_json, output, written)
+    return ExitStatus.DONE

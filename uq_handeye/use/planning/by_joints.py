@@ -37,7 +37,8 @@ from .result import Plan
 def plan_by_joints(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> Plan:
     """See `plan`."""
     result, joints = _so_far(data, chain, asked)
-    return plan_within_reach(Known(result, data, asked.noise is None), chain, joints, asked)
+    known = Known(result, data, asked.noise is None, contradictions=result.contradictions)
+    return plan_within_reach(known, chain, joints, asked)
 
 
 def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: PlanRequest) -> Plan:

@@ -124,6 +124,7 @@ class Known(NamedTuple):
     data: PosePairs
     noise_estimated: bool
     open_directions: Array = np.zeros((0, 6))
+    contradictions: tuple[str, ...] = ()  # reasons why X of these poses cannot be used
 
 
 def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhead | None = None, **more: Any) -> Plan:
@@ -179,6 +180,7 @@ def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhea
         open_directions=known.open_directions,
         shared=tuple(dict.fromkeys(str(error.key.error) for error in result.shared)),
         form=form if form in FORMS else None,
+        contradictions=known.contradictions,
         **{name: value[chosen] if name == "joints" else value for name, value in more.items()},
     )
 

@@ -90,6 +90,7 @@ def plan_rig(result: RigPoses, asked: PlanRequest) -> Plan:
         shared=tuple(dict.fromkeys(str(key.error) for key in posterior.keys)),
         tolerance=tolerance,
         needed=needed,
+        contradictions=result.contradictions,
     )
 
 

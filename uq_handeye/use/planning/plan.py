@@ -33,9 +33,10 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...calibration.calibrate import calibrate
+from ...calibration.estimate.estimated import Estimated
 from ...calibration.prediction.predict import camera_ahead, poses_so_far, posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
@@ -150,14 +151,18 @@ plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined
 def _plan_of_result(result: Calibration, asked: PlanRequest) -> Plan:
     """See `plan`: from a result, which has its poses, noise and shared errors."""
     require_left_out("of a calibration", **{name: getattr(asked, name) for name in OF_POSES})
-    posterior_of(result)
     data = poses_so_far(result)
     if data is None:
         raise InputError("Expected a result with its poses. Calibrate again.")
     kept = np.arange(data.n)
     if result.table is not None and len(result.table.weight) == data.n:
         kept = np.flatnonzero(np.asarray(result.table.weight) > 0)
-    return plan_from(Known(result, data.rows(kept), result.noise_estimate is not None), asked.of(data))
+    known = Known(result, data.rows(kept), result.noise_estimate is not None, contradictions=result.contradictions)
+    if result.opened is not None and result.kinematics is None and result.noise is not None:
+        known = _weakly_known(known, result.noise, data, kept)
+    else:
+        posterior_of(result)
+    return plan_from(known, asked.of(data))
 
 
 def plan_from(known: Known, asked: PlanRequest) -> Plan:
@@ -197,15 +202,22 @@ def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
     kept = np.arange(data.n)
     if result is not None and result.table is not None:
         kept = np.flatnonzero(np.asarray(result.table.weight) > 0)
+    contradictions = () if result is None else result.contradictions
+    known = Known(cast("Estimated", result), data.rows(kept), noise is None, contradictions=contradictions)
     if result is not None and _is_determined(result):
         for one in said if noise is None else ():
             warnings.warn(one.message, stacklevel=3)
-        return Known(result, data.rows(kept), noise is None)
+        return known
     of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
     if of_each is None:
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
-    found: Any = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
-    return Known(found, found.data, noise is None, found.open_directions)
+    return _weakly_known(known, of_each, data, kept)
+
+
+def _weakly_known(known: Known, noise: Any, data: PosePairs, kept: NDArray[np.intp]) -> Known:
+    """Return the kept poses with a weak prior where these leave a part of X open; ``noise``: of all ``data``."""
+    found: Any = WeaklyKnown.of(data.rows(kept), _of_each_pose(noise, data).rows(kept))
+    return known._replace(result=found, data=found.data, open_directions=found.open_directions)
 
 
 def _is_determined(result: Calibration) -> bool:

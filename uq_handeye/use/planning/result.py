@@ -66,6 +66,7 @@ class Plan(ReadOnlyArrays, Shown):
     tolerance: Tolerance | None = None  # which X is to meet
     needed: int | None = None  # more poses until it does (PASS); None: not by any number that was tried
     form: str | None = None  # a name of `FORMS`: how the robot's poses are written; None: m and quaternion
+    contradictions: tuple[str, ...] = ()  # reasons why X of the poses so far cannot be used
 
     @property
     def frame(self) -> str:

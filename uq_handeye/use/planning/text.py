@@ -4,20 +4,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...calibration.statement.accuracy import NOT_USABLE
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import Document, Paragraph, Table, document_of
+from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
 from ...formats.controllers.forms import CONTROLLERS
 from ...formats.controllers.written import columns, in_form
+from ...model.error_terms.keys import (
+    FOCAL_LENGTH,
+    INTRINSICS,
+    LENS,
+    PRINCIPAL_POINT,
+    ROBOT_ACCURACY,
+    ROBOT_SCALE,
+    TARGET_SCALE,
+)
+from .by_posterior import MAX_POSES_TO_PASS
 from .result import Plan
 from .weak_prior import WEAK_PRIOR_SD
+
+# What makes the errors smaller that all poses share.
+REMEDIES = {
+    "measure the target": (TARGET_SCALE,),
+    "give the intrinsics": (FOCAL_LENGTH, PRINCIPAL_POINT, LENS, INTRINSICS),
+    "give the arm": (ROBOT_ACCURACY, ROBOT_SCALE),
+}
 
 
 @document_of.register(Plan)
 def plan_document(plan: Plan) -> Document:
     """A sentence, a table, and what the numbers mean."""
     until = [] if plan.tolerance is None else [Paragraph(_until_pass(plan))]
-    return [[Paragraph(headline(plan)), *until], _table(plan), [Paragraph(note) for note in _notes(plan)]]
+    refuted = [Answer(f"{NOT_USABLE}: {one.rstrip('.')}.", "failed") for one in plan.contradictions[:1]]
+    first = [*refuted, Paragraph(headline(plan)), *until]
+    return [first, _table(plan), [Paragraph(note) for note in _notes(plan)]]
 
 
 def headline(plan: Plan) -> str:
@@ -48,14 +68,20 @@ def _until_pass(plan: Plan) -> str:
     if len(plan.open_directions):
         return f"How many poses {plan.tolerance} needs is not known while X is open."
     if plan.needed is None:
-        return (
-            f"More poses will not reach {plan.tolerance}: errors that all poses share limit X. Measure the target, "
-            "give the intrinsics or the arm, or accept a larger tolerance."
-        )
+        why = "errors that all poses share limit X" if plan.shared else f"{MAX_POSES_TO_PASS} more do not"
+        return f"More poses will not reach {plan.tolerance}: {why}. {_remedies(plan)}."
     if plan.needed == 0:
         return f"{plan.tolerance} is met by the {_noun(plan)}s so far: PASS needs no more."
     poses = f"{plan.needed} more {_noun(plan)}{'s'[: plan.needed != 1]} like these"
     return f"PASS for {plan.tolerance} after {poses}, {plan.n_poses + plan.needed} in all, if the checks stay ok."
+
+
+def _remedies(plan: Plan) -> str:
+    """Return what makes the errors smaller that all poses share, of those that the plan includes."""
+    found = [words for words, of in REMEDIES.items() if set(map(str, of)) & set(plan.shared)]
+    words = f"{', '.join(found)}{',' if len(found) > 1 else ''} or " if found else ""
+    words += "accept a larger tolerance"
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def _table(plan: Plan) -> Table:
