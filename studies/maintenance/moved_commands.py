@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -98,6 +99,8 @@ def noisy(T: Array, S: Array, rng: np.random.Generator) -> Array:
 def findings_of(kind: str, k: int, part: str, size: str, n: int, setup: str) -> tuple[tuple[Finding, ...], int]:
     """Return the findings of a command, and the number of the first pose after the move."""
     old = 0 if kind in ("calibrate-2", "live") else N_POSES
+    result: Any
+    later: Any
     if kind.endswith("-2"):
         before, later = rig_sessions(k, part, size, old, n, setup)
         result = calibrate_rig(before if old else later)
@@ -108,9 +111,8 @@ def findings_of(kind: str, k: int, part: str, size: str, n: int, setup: str) -> 
         first, poses = sessions(k, part, size, old, n, setup)
         if kind == "live":
             return in_session(poses), n // 2
-        one = uq.calibrate(first)
         since = n // 2 if kind == "check" else old + n // 2
-        result, later = one, poses
+        result, later = uq.calibrate(first), poses
     if kind.startswith("check"):
         check = uq.check(result, later)
         return (check.findings if check.changed else ()), since

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..core.files.one_line import refused
 from ..core.geometry.se3 import Array, difference, inverse, perturb
-from ..core.numbers.rounding import TINY
+from ..core.rounding import TINY
 from ..errors import InputError
 from ..formats.numpy_poses import members
 from ..model.camera.models import CORNER_PX
@@ -142,7 +142,8 @@ def points_in_frame(known: KnownScene, most: int) -> Array:
     points = np.asarray(seen @ back[:3, :3].T + back[:3, 3])
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     near = np.flatnonzero(away <= 4.0 * np.median(away))
-    return points[near[np.linspace(0, len(near) - 1, min(most, len(near))).astype(int)]]
+    some = np.linspace(0, len(near) - 1, min(most, len(near))).astype(int)
+    return np.asarray(points[near[some]], dtype=float)
 
 
 def place_pictures(

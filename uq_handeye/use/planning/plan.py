@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...calibration.calibrate import calibrate
-from ...calibration.estimate.estimated import Estimated
+from ...calibration.estimated import Estimated
 from ...calibration.prediction.predict import camera_ahead, poses_so_far, posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration

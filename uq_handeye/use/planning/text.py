@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...calibration.statement.accuracy import NOT_USABLE
+from ...calibration.accuracy import NOT_USABLE
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
 from ...formats.controllers.forms import CONTROLLERS
 from ...formats.controllers.written import columns, in_form
-from ...model.error_terms.keys import (
+from ...model.errors.keys import (
     FOCAL_LENGTH,
     INTRINSICS,
     LENS,
