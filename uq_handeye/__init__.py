@@ -16,8 +16,9 @@ if _typing.TYPE_CHECKING:
     from .calibration.by_scene import scene_poses
     from .calibration.calibrate import calibrate
     from .calibration.evidence.touches import Touches
+    from .calibration.load import load
     from .calibration.of_camera import of_camera
-    from .calibration.result import Calibration, load
+    from .calibration.result import Calibration
     from .calibration.rig_by_scene import SceneRig, scene_rig
     from .calibration.rig_result import RigCalibration
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
@@ -253,7 +254,8 @@ _LATER = {
     "calibration.rig_by_scene": ("SceneRig", "scene_rig"),
     "calibration.calibrate": ("calibrate",),
     "calibration.of_camera": ("of_camera",),
-    "calibration.result": ("Calibration", "load"),
+    "calibration.load": ("load",),
+    "calibration.result": ("Calibration",),
     "model.camera.board": ("detect_board",),
     "model.camera.description": ("Board", "tag_points"),
     "model.camera.board_shape": ("BoardShape",),

@@ -6,7 +6,7 @@ from fixtures.rigs import quietly
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import next_step
+from uq_handeye.calibration.report.answer import next_step
 from uq_handeye.core.geometry.se3 import inverse
 
 

@@ -11,7 +11,8 @@ from fixtures.rigs_on_arms import ARM, rig
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import LINES, first_screen, next_step, title_of
+from uq_handeye.calibration.report.answer import next_step
+from uq_handeye.calibration.report.first_screen import LINES, first_screen, title_of
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation.document import COLUMNS, to_text
 
@@ -70,7 +71,7 @@ def test_it_fits_a_terminal(result):
     for document in (
         first_screen(result),
         first_screen(result, last=last_of(result)),
-        first_screen(result, last=last_of(result), verdict=verdict),
+        first_screen(result, last=last_of(result), verdicts={"camera": verdict}),
     ):
         lines = to_text(document, COLUMNS).splitlines()
         assert len(lines) <= LINES and max(map(len, lines)) <= COLUMNS, "\n".join(lines)

@@ -11,8 +11,8 @@ from fixtures.rigs import quietly
 from support import moved
 
 import uq_handeye as uq
+from uq_handeye.calibration.accuracy import DECLARE, _about_largest
 from uq_handeye.calibration.contribution import Contribution
-from uq_handeye.calibration.report.first_screen import DECLARE, _about_largest
 from uq_handeye.model.errors.keys import CLOCK_OFFSET, FOCAL_LENGTH, PRINCIPAL_POINT, ROBOT_SCALE, TARGET_SCALE
 from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
 from uq_handeye.read import write_pose_file

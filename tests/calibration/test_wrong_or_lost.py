@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import next_step
+from uq_handeye.calibration.report.answer import next_step
 from uq_handeye.cli.exit_status import ExitStatus
 
 POSES = uq.simulate(20, noise=NOISE, seed=3)

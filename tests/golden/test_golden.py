@@ -15,8 +15,7 @@ import pytest
 from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import step_after
-from uq_handeye.findings import Finding
+from uq_handeye.findings import Finding, step_after
 
 HERE = Path(__file__).parent
 for module in pkgutil.walk_packages(uq.__path__, "uq_handeye."):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import next_step
+from uq_handeye.calibration.report.answer import next_step
 from uq_handeye.fit.diagnostics.alphabetical_rows import alphabetical_rows
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from support import difference, moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.first_screen import next_step
+from uq_handeye.calibration.report.answer import next_step
 from uq_handeye.fit.diagnostics.columns import check_poses
 from uq_handeye.fit.diagnostics.residuals import check_fit
 from uq_handeye.model.poses.residuals import residuals, rotation_angles, summarise

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.calibration.findings import check_input
-from uq_handeye.calibration.report.first_screen import next_step, step_after
+from uq_handeye.calibration.report.answer import next_step
 from uq_handeye.core.files.source import Source
+from uq_handeye.findings import step_after
 from uq_handeye.fit.diagnostics.misread_files import other_readings
 from uq_handeye.fit.diagnostics.residuals import check_fit
 from uq_handeye.model.poses.residuals import pose_residuals

@@ -10,7 +10,8 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.checks import failures_in_words
-from uq_handeye.calibration.report.first_screen import next_step, step_after
+from uq_handeye.calibration.report.answer import next_step
+from uq_handeye.findings import step_after
 from uq_handeye.formats.contents import Reading, Side
 from uq_handeye.read import pose_text
 from uq_handeye.read.readings import chosen_readings, reading_of_robot

@@ -40,5 +40,5 @@ def test_outputs_name_sections_that_there_are():
 def test_outputs_of_rigs_name_sections_that_there_are():
     anchors = [part.anchor for part in rig_sections.rig_parts(None)]
     assert len(set(anchors)) == len(anchors)
-    pages = ("answer", "poses", "pairs", "checks", "views", "noise", *FOLDED, "stated", "stated-pairs")
+    pages = ("answer", "next", "poses", "pairs", "checks", "views", "noise", *FOLDED, "stated", "stated-pairs")
     assert set(anchors) == {*rig_sections.LONG, *pages}

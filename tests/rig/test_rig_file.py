@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.cli.app import main
-from uq_handeye.report.rig_page import rig_html
+from uq_handeye.report.page import report_html
 from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
 RIG = """
@@ -368,7 +368,8 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
     more = ["--report", path / "r.html", "--tolerance", "5mm,1deg", "--about", "cell=Cell 4"]
     code = run("calibrate", path / "rig.toml", "-o", path / "out", *more)
     assert code == 0 and "Wrote" in capsys.readouterr().out
-    assert {one.name for one in (path / "out").iterdir()} == {"rig.json", "rig.txt", "report.html"}
+    exports = {"x_ros.yaml", "x.urdf", "x_opencv.yaml", "x.npz"}
+    assert {one.name for one in (path / "out").iterdir()} == {"rig.json", "rig.txt", "report.html"} | exports
     page = (path / "r.html").read_text()
     for text in ("Both cameras", "left_T_right", "gripper_T_left", "Cell 4", "left: PASS", "Paths that should agree",
                  '<ellipse class="ring"', "left sees target 15 times", "Residuals: chi-square"):  # fmt: skip
@@ -390,20 +391,20 @@ def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_o
     wrong = uq.Rig(
         rig.arms, rig.cameras, rig.targets, (rig.views[0], replace(rig.views[1], poses=right), *rig.views[2:])
     )
-    assert "rejected" in rig_html(calibrate_rig(wrong, small))
+    assert "rejected" in report_html(calibrate_rig(wrong, small))
     result = calibrate_rig(rig, small)
     assert result.rejected == ()  # outliers are those among views whose errors are all larger than stated
-    page = rig_html(result, date="today")
+    page = report_html(result, date="today")
     assert not result.usable and "times larger than this noise" in result.reasons[0]
     assert 'class="answer failed"' in page and "the errors are larger than stated" in page
-    assert page == rig_html(result, date="today")
+    assert page == report_html(result, date="today")
 
 
 @pytest.mark.slow
 def test_a_rig_that_is_not_determined_says_so_in_its_report():
     rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1)
     rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
-    page = rig_html(calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
+    page = report_html(calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
     assert "Not determined: 1 direction, of left" in page and "stroke-dasharray" in page
 
 
@@ -520,7 +521,7 @@ def test_the_report_has_the_certificate_of_the_minimum_and_a_drawing_of_many_cam
     noise = dict.fromkeys(("arm", *cameras), ("0.5mrad", "0.3mm"))
     rig, _ = simulate_rig(cameras, targets, n_poses=15, noise=noise, seed=1)
     result = calibrate_rig(rig, noise)
-    page = rig_html(result, details=True)
+    page = report_html(result, details=True)
     assert "Certificate of the global minimum" in page and "relative gap" in page
     svg = re.search(r"<svg viewBox=.*?</svg>", page, re.S).group()
     tree = ElementTree.fromstring(svg)

@@ -28,7 +28,9 @@ from ..core.geometry.se3 import Array
 from ..core.presentation.numbers import digits
 from ..core.presentation.units import MM_PER_M
 from ..core.rounding import SOLUTION_ROUNDING
+from ..findings import step_after
 from ..fit.diagnostics.budget import Budget, Source
+from ..fit.diagnostics.sentences import DECLARE
 from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import (
     FOCAL_LENGTH,
@@ -43,7 +45,8 @@ from .checks import Checked, included, lower_limit_of, not_included
 from .contribution import Contribution
 from .error_of_X import radius_95
 from .estimated import Estimated, distance_of
-from .tolerance import ToleranceLike, Verdict, verdict_of
+from .stored_result import NOT_USABLE
+from .tolerance import Tolerance, ToleranceLike, Verdict, probability_of, verdict_of
 
 # A number is known by its prior where the data leave more than this share of the prior variance.
 MAX_PRIOR_SHARE = 0.5
@@ -51,6 +54,8 @@ MAX_PRIOR_SHARE = 0.5
 MIN_PRIOR_GAIN = 1.25
 # A tolerance that X is said to meet is larger by this share than the length that it is rounded from.
 SIZE_MARGIN = 1e-3
+# With fewer poses, more of them are the first advice where noise limits X.
+MIN_POSES_TO_TAKE = 25
 # Kinds of a budget that are noise of each pose, of one side.
 _NOISE = (Kind.ROTATION, Kind.TRANSLATION, Kind.COUPLING, Kind.BOTH, Kind.EACH_POSE)
 NOISE_OF_POSES = ErrorKey(Owner.ALL, Kind.POSES)
@@ -231,9 +236,6 @@ def amounts(translation: float, rotation: float) -> str:
     return f"{digits(1e3 * translation, 2)} mm and {digits(float(np.degrees(rotation)), 2)} deg"
 
 
-NOT_USABLE = "NOT USABLE"
-
-
 def suits_of(result: Statement) -> str | None:
     """Return a sentence with the tolerance of a point that X meets; None where X is not usable or that is not known.
 
@@ -286,6 +288,19 @@ def limit_of(result: Statement) -> str | None:
     return f"Most of it is {largest.name}: {amounts(largest.translation, largest.rotation)}."
 
 
+def _about_largest(result: Checked, accuracy: Accuracy) -> str | None:
+    """Return what to do about the largest part of the accuracy."""
+    if not accuracy.parts:
+        return None
+    part, count = accuracy.parts[0], result.n_poses or result.n_pairs
+    if part.key.kind in (Kind.POSES, Kind.POSES_AND_TOUCHES) and count < MIN_POSES_TO_TAKE:
+        return "take more poses to reduce the noise: uq-handeye plan chooses them"
+    if part.key in DECLARE and any(error.key.error == part.key and error.default for error in result.shared):
+        option, sd = DECLARE[part.key]
+        return f"measure the {part.name}, which limits X, and declare how well: such as {option.format(sd)}"
+    return None
+
+
 class Statement(Checked):
     """Accuracy of X, its checks, whether X can be used and whether it meets a tolerance; a part of `Calibration`."""
 
@@ -328,6 +343,43 @@ class Statement(Checked):
         if accuracy.lower_limit:
             known = f"no better than {known}"
         return f"{self.frame} is known to {known}."
+
+    @property
+    def remedy(self) -> str | None:
+        """Remedy of the cautions, first of those that explain others; None where nothing has one."""
+        first = [finding for finding in self.cautions if finding.record.first]
+        return step_after([*first, *self.cautions])
+
+    @property
+    def advice(self) -> str | None:
+        """What to do about the data or the noise, None where there is nothing."""
+        if (found := self.remedy) is not None:
+            return found
+        if (accuracy := self.accuracy) is None:
+            return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
+        return _about_largest(self, accuracy)
+
+    @property
+    def is_stated(self) -> bool:
+        """True if the accuracy is known."""
+        return self.accuracy is not None
+
+    @property
+    def status(self) -> str:
+        """Status of the headline: "failed" where X is not usable, "caution" where a check is not ok, or "ok"."""
+        if self.reasons:
+            return "failed"
+        if self.accuracy is None or self.accuracy.lower_limit or self.cautions:
+            return "caution"
+        return "ok"
+
+    def verdicts(self, tolerance: ToleranceLike | None, at: str | float | None = None) -> dict[str, Verdict]:
+        """Return whether X meets a tolerance, by the name of the camera, as of a rig of several; none without one."""
+        return {} if tolerance is None else {self.names.camera: self.verdict(tolerance, at)}
+
+    def conformity(self, camera: str, tolerance: Tolerance) -> float:
+        """Return the probability that X lies within a tolerance; ``camera``: its name, as of a rig of several."""
+        return probability_of(self, tolerance)
 
     def verdict(self, tolerance: ToleranceLike, at: str | float | None = None) -> Verdict:
         """Return whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability (`calibration.tolerance`).

@@ -30,10 +30,12 @@ from ..fit.graph.sizes import SHARED, Found, components_of, find_sizes, width_of
 from ..fit.graph.start import agreeing, start_of
 from ..fit.graph.weights import Distances, distances, fit_robustly
 from ..model.errors.key import Kind
+from ..model.poses.pose_data import sha256_of
 from ..model.rig.description import Rig
 from ..model.rig.noise_by_name import NoiseByName, plain_noise
 from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
+from .parts import Provenance
 from .rig_result import RigCalibration
 
 # The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
@@ -92,7 +94,8 @@ def calibrate_rig(
     plain = {"noise": plain_noise(rig, noise), "shared": kinds, **request_to_dict(request)}
     with one_thread():  # many small matrices
         found = _calibrated(Task.of(rig, request, kinds), noise)
-    return replace(found, provenance={"request": plain, "versions": versions()})
+    taken = sha256_of(*(arm.poses for arm in rig.arms.values()), *(view.poses for view in rig.views))
+    return replace(found, provenance=Provenance(taken, {"method": found.method}, dict(versions()), request=plain))
 
 
 def _kinds_and_errors(shared: Any) -> tuple[Shared, tuple[SharedError, ...] | None]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from ..core.geometry.frames import SETUPS, TARGETS
 from ..core.geometry.pose_numbers import principal_axes
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse, inverse_jacobian
-from ..errors import InputError
+from ..errors import InputError, require_type
 from ..findings import Finding, texts
 from ..fit.diagnostics.budget import Budget, budget_of_posterior
 from ..fit.diagnostics.result import Diagnostics
@@ -35,6 +35,8 @@ from ..model.errors.models import Noise
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import NAMES, Names, PosePairs
+from ..model.rig.description import Rig
+from ..model.rig.single import poses_like
 from .analysis import Analysis, StoredAnalysis
 from .error_of_X import moved, points_of, tails_of
 from .parts import PARTS, Errors, Named, Origin, Quality, Solution
@@ -195,6 +197,43 @@ class Estimated(Named, Record):
         """Names of arm, camera and target."""
         return NAMES if self.data is None or self.data.poses is None else self.data.poses.names
 
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """The name of the camera, as of a rig of several."""
+        return (self.names.camera,)
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """The name of the target, as of a rig of several."""
+        return (self.names.target,)
+
+    item: ClassVar[str] = "pose"  # what was measured
+
+    @property
+    def n_measured(self) -> int:
+        """Number of poses that count, of motions alone that of pairs."""
+        return self.n_pairs if self.n_poses is None else self.n_poses
+
+    @property
+    def camera_poses(self) -> dict[str, Array]:
+        """X by the name of the camera, also where its covariance is not known."""
+        return {self.names.camera: self.X}
+
+    @property
+    def one_of_each(self) -> Names | None:
+        """Names of arm, camera and target, whose new poses come side by side; None for several, which have views."""
+        return self.names
+
+    def new_measurements(self, poses: PosePairs | Rig) -> PosePairs:
+        """Return new measurements in the form in which they are compared with the result: poses side by side.
+
+        Raises `InputError` for a rig of other parts, and for anything else.
+        """
+        if isinstance(poses, Rig):
+            return poses_like(poses, self.names)
+        require_type("poses", poses, PosePairs, "PosePairs")
+        return poses
+
     @cached_property
     def cameras(self) -> dict[str, EstimatedPose]:
         """The camera by its name, as of a rig of several: ``.X`` with its covariance. Empty if that is not known."""
@@ -217,6 +256,11 @@ class Estimated(Named, Record):
         opened, none = self.opened, np.zeros((0, 6))
         of = none if opened is None else opened.of_X if pose is self.X else opened.of_W
         return {name: EstimatedPose(name, frame, pose, covariance, of, self.n_poses or 0)}
+
+    @property
+    def pairs(self) -> tuple[EstimatedPose, ...]:
+        """Relative poses of all pairs of cameras on one carrier: of one camera none."""
+        return ()
 
     def relative(self, one: str, two: str) -> EstimatedPose:
         """Return the pose of ``two`` in the frame of ``one``, which must have the same carrier.

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.json_files import parsed
 from ..core.files.json_values import JsonObject
+from ..core.geometry.se3 import Array
 from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.html import html_of
 from ..core.presentation.numbers import digits
@@ -32,7 +32,7 @@ from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.figure_names import figure_names
 from .result_file import AS_DATA, AS_NOISE, DERIVED, bound_to_data, columns_of, from_dict
-from .stored_result import OF_CAMERA, StoredResult, head_of, is_of_rig
+from .stored_result import OF_CAMERA, StoredResult, head_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
-    from .rig_result import RigCalibration
     from .tolerance import Verdict
 
 
@@ -256,6 +255,23 @@ class Calibration(Statement, StoredResult):
         """Facts that the views of the result select from: text, page, notebook, certificate, tables."""
         return facts_of(self)
 
+    file_name: ClassVar[str] = "result.json"  # in the folder of ``calibrate -o``
+
+    @property
+    def identity(self) -> tuple[str, tuple[Array | None, ...]]:
+        """The setup, and X and W with the covariance of X."""
+        return str(self.setup), (self.X, self.W, self.covariance)
+
+    def of_camera(self, camera: str | None = None, target: str | None = None) -> Self:
+        """Return the result of one camera with one target, as a rig of several has it: this one.
+
+        Raises `InputError` for other names.
+        """
+        for name, own in zip((camera, target), (self.names.camera, self.names.target), strict=True):
+            if name not in (None, own):
+                raise InputError(f"Expected the name {own!r}, of the only one, got {name!r}.")
+        return self
+
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
         data += f", {len(self.excluded)} excluded" if self.excluded else ""
@@ -399,7 +415,7 @@ class Calibration(Statement, StoredResult):
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
         "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
         "time_offset camera_scale shared open=opened kinematics posterior residuals headline usable answered "
-        "accuracy checks data=_data_in_file excluded split findings warnings corrected"
+        "accuracy checks facts data=_data_in_file excluded split findings warnings corrected"
     )
 
     def to_dict(self) -> dict[str, Any]:
@@ -428,15 +444,6 @@ class Calibration(Statement, StoredResult):
         """The inverse of `to_dict`; raises `InputError` on anything else: parts that are missing, of another type, not
         finite, or that do not belong to each other."""
         return from_dict(cls, data)
-
-
-def load(path: str | Path) -> Calibration | RigCalibration:
-    """Read a result file, as `Calibration.save`, `RigCalibration.save` and ``uq-handeye calibrate -o`` write it."""
-    from .rig_result import RigCalibration
-
-    data = parsed(path)
-    kind: type[Calibration] | type[RigCalibration] = RigCalibration if is_of_rig(data) else Calibration
-    return kind.from_json(path, data)
 
 
 def _are_poses(value: ArrayLike | RigidTransform, arm: FittedKinematics | None) -> bool:

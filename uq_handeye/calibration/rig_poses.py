@@ -13,7 +13,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from scipy.linalg import svd
@@ -21,10 +21,11 @@ from scipy.special import chdtrc
 
 from ..core.files.records import Record
 from ..core.geometry.se3 import Array, block, inverse, skew
-from ..core.levels import IMPOSSIBLE
-from ..core.presentation.numbers import times_of_noise
+from ..core.levels import CONTRADICTED, IMPOSSIBLE
+from ..core.presentation.numbers import digits, times_of_noise
+from ..core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ..errors import InputError
-from ..findings import Finding, texts
+from ..findings import Finding, step_after, texts
 from ..fit.diagnostics.optimality import Optimality
 from ..fit.diagnostics.paths import RigPath
 from ..fit.graph.fit import onto_closed
@@ -33,13 +34,19 @@ from ..fit.graph.reference import Reference
 from ..fit.graph.robust import is_weak_minority
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_numbers import ranges
+from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.rig.description import WORLD, Rig
+from .parts import Provenance
+from .report.facts import Facts, facts_of_rig
+from .stored_result import NOT_USABLE
 
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
 # Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
 MIN_NOISE_RATIO = 1.3
+# The headline is a caution where a larger share of the views is rejected.
+MAX_REJECTED_VIEWS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +94,12 @@ class RigPoses(Record):
     posterior : Posterior or None
         Joint posterior of all poses and of the errors that measurements share, with the noise of new ones, by arm and
         camera.
-    provenance : mapping or None
+    provenance : Provenance or None
         Versions of the software, and the arguments of `calibrate_rig`.
     split : tuple of EstimatedPose
         Where a camera or target moved: all poses of the fit with it as two, before and after (`split_rig`).
+    about : dict of str to str
+        Title block of the report: cell, robot, cameras, serial numbers, ... (`files.about.ABOUT`).
     """
 
     rig: Rig
@@ -114,10 +123,47 @@ class RigPoses(Record):
     reference: Reference = field(default_factory=Reference)
     findings: tuple[Finding, ...] = ()
     posterior: Posterior | None = None
-    provenance: dict[str, Any] | None = None
+    provenance: Provenance | None = None
     split: tuple[EstimatedPose, ...] = ()
+    about: dict[str, str] = field(default_factory=dict)
 
     # ------------------------------------------------------------------------------------------- poses
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """The names of the cameras."""
+        return tuple(self.rig.cameras)
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """The names of the targets."""
+        return tuple(self.rig.targets)
+
+    item: ClassVar[str] = "view"  # what was measured
+
+    @property
+    def n_measured(self) -> int:
+        """Number of views."""
+        return self.rig.n_views
+
+    @property
+    def camera_poses(self) -> dict[str, Array]:
+        """X of each camera by its name."""
+        return {name: one.pose for name, one in self.cameras.items()}
+
+    @property
+    def one_of_each(self) -> Names | None:
+        """None: there are several arms, cameras or targets, whose new measurements are views by their names."""
+        return None
+
+    def new_measurements(self, poses: PosePairs | Rig) -> Rig:
+        """Return new measurements in the form in which they are compared with the result: views of a rig.
+
+        Raises `InputError` for anything else.
+        """
+        if isinstance(poses, Rig):
+            return poses
+        raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(poses).__name__}.")
 
     @cached_property
     def cameras(self) -> Mapping[str, EstimatedPose]:
@@ -140,6 +186,11 @@ class RigPoses(Record):
     def every(self) -> tuple[EstimatedPose, ...]:
         """All estimated poses: cameras, targets, bases of the arms but the first, relative poses of cameras."""
         return (*self.singles, *self.pairs)
+
+    @property
+    def kinematics(self) -> None:
+        """Errors of the arm as of one camera: None, they are among the errors of the posterior, by the arm's name."""
+        return
 
     @property
     def singles(self) -> tuple[EstimatedPose, ...]:
@@ -209,6 +260,63 @@ class RigPoses(Record):
     def warnings(self) -> tuple[str, ...]:
         """Sentences of the findings that are more than a note."""
         return texts(self.findings)
+
+    @property
+    def headline(self) -> str:
+        """Accuracy of the cameras in one sentence; or ``NOT USABLE:`` and the decisive reason."""
+        if self.reasons:
+            short = {str(one): f"{one.phrase}." for one in self.findings}
+            return f"{NOT_USABLE}: {short.get(self.reasons[0], self.reasons[0])}"
+        if len(self.open):
+            names = ", ".join(one.name for one in self.singles if len(one.open))
+            count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
+            return f"Not determined: {count}, of {names}. The robot poses turn about too few axes."
+        known = {name: one.sizes for name, one in self.cameras.items()}
+        shift = max(known, key=lambda name: known[name][1])
+        turn = max(sizes[0] for sizes in known.values())
+        least = f"{digits(MM_PER_M * known[shift][1], 2)} mm and {digits(DEG_PER_RAD * turn, 2)} deg"
+        count = "Both" if len(known) == 2 else f"All {len(known)}"
+        whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
+        return f"{whose} to {least} or better (root mean square error, 1 sigma)."
+
+    @property
+    def status(self) -> str:
+        """Status of the headline: "failed" where the poses are not usable, "caution" where something is found, "ok"."""
+        if self.reasons:
+            return "failed"
+        caution = len(self.open) or any(finding.severity == "caution" for finding in self.findings)
+        return "caution" if caution or self.doubts else "ok"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences that say why the errors may be larger than stated."""
+        found = []
+        if self.p_value < CONTRADICTED.probability:
+            found.append("The residuals are larger than the noise says: the errors are larger than stated.")
+        if len(self.rejected) > MAX_REJECTED_VIEWS * len(self.weights):
+            found.append(f"{len(self.rejected)} of {len(self.weights)} views were rejected.")
+        return tuple(found)
+
+    @property
+    def advice(self) -> str | None:
+        """What to do about what was found, None where there is nothing."""
+        step = step_after([one for one in self.findings if one.severity != "note"])
+        return None if step is None else step.rstrip(".")
+
+    @property
+    def is_stated(self) -> bool:
+        """True if the accuracy is known: of several poses always."""
+        return True
+
+    @property
+    def remedy(self) -> str | None:
+        """Remedy of what was found, None where nothing has one."""
+        return self.advice
+
+    @property
+    def open_words(self) -> tuple[str, ...]:
+        """Names of the poses that are not determined in all directions."""
+        return tuple(one.name for one in self.every if len(one.open))
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -282,6 +390,19 @@ class RigPoses(Record):
             at = ranges(sorted(moments)) if numbered else ", ".join(map(str, moments))
             lines.append(f"Rejected, {what}: {at if what.startswith('robot poses') else f'at robot poses {at}'}.")
         return lines
+
+    @cached_property
+    def facts(self) -> Facts:
+        """Facts that the views of the result select from: text, page, notebook, certificate, panel, JSON."""
+        residuals = self.chi_square, self.dof, self.p_value
+        return facts_of_rig(
+            list(self.cameras.values()),
+            {one.frame: one for one in self.every} | {one.name: one for one in self.split},
+            self.reference,
+            residuals,
+            self.noise,
+            self.components,
+        )
 
     @property
     def relative_poses(self) -> dict[str, EstimatedPose]:

@@ -27,12 +27,14 @@ C = TypeVar("C", bound=RigPoses)
 
 # Parts of the file besides the fields, which follow from them.
 DERIVED = "cameras targets arms relative=relative_poses"
+# Sentences and verdicts for other programs, which are not read.
+STATED = "headline usable answered reasons facts"
 _NAME = "rig"
 
 
 def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
     """Return the result as plain values: derived values for other programs first, then its fields."""
-    found = {**head_of(OF_RIG), **attributes(result, DERIVED)}
+    found = {**head_of(OF_RIG), **attributes(result, DERIVED), **attributes(result, STATED)}
     for name in fields:
         found[name] = rig_to_dict(result.rig) if name == _NAME else plain(getattr(result, name))
     rejected = {

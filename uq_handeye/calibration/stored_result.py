@@ -6,6 +6,7 @@ with those they follow from. Sentences (``warnings``) are written for other prog
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -19,11 +20,14 @@ from ..core.files.packed import unpacked
 from ..core.files.records import attributes, damaged, unequal, wrong_number
 from ..core.files.tree_values import is_map
 from ..core.geometry.conventions import CONVENTION
+from ..core.geometry.se3 import Array
 from ..errors import InputError
 
 R = TypeVar("R")
 
 FORMAT = "uq-handeye calibration 7"
+# First words of the headline of a result that cannot be used.
+NOT_USABLE = "NOT USABLE"
 UNITS = {"rotation": "rad", "translation": "m"}
 # What a result is of, as the file says.
 OF_CAMERA, OF_RIG = "camera", "rig"
@@ -32,11 +36,6 @@ OF_CAMERA, OF_RIG = "camera", "rig"
 def head_of(of: str) -> JsonObject:
     """Return the first values of a file: its format, what it is of, and what its numbers mean."""
     return {"format": FORMAT, "of": of, "convention": CONVENTION, "units": UNITS}
-
-
-def is_of_rig(data: Any) -> bool:
-    """Return whether the content of a JSON file is the result of a rig."""
-    return is_map(data) and data.get("of") == OF_RIG
 
 
 def read_result(data: Any, of: str, derived: str, made: Callable[[dict[str, Any]], R]) -> R:
@@ -66,7 +65,26 @@ def read_result(data: Any, of: str, derived: str, made: Callable[[dict[str, Any]
 
 
 class StoredResult:
-    """A result that is written to a file, with a checksum, and read from it."""
+    """A result that is written to a file, with a checksum, and read from it.
+
+    The result of one camera and that of several have the same names: ``cameras``, ``targets``, ``arms``, `relative`,
+    ``headline``, ``status``, ``reasons``, ``answered``, ``usable``, ``facts``, ``of_camera``, ``verdicts``, ``export``,
+    ``report``. What uses a result asks for these, and not for its kind.
+    """
+
+    @property
+    def identity(self) -> tuple[str, tuple[Array | None, ...]]:
+        """Return what the result is of, in a word, and the arrays that tell it from others."""
+        raise NotImplementedError
+
+    @property
+    def digest(self) -> str:
+        """16 hexadecimal digits that identify all poses, their covariance and the setup."""
+        of, parts = self.identity
+        found = hashlib.sha256(of.encode())
+        for part in parts:
+            found.update(b"-" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
+        return found.hexdigest()[:16]
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain numbers, lists and text; see `from_dict`."""

@@ -12,8 +12,9 @@ usable, a direction of X is not determined, the accuracy is a lower limit, or a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..core.presentation.numbers import digits
 from ..core.presentation.units import ANGLE_UNITS, parse_angle, parse_length
 from ..errors import InputError
 from ..fit.graph.reference import Reference
+from ..model.poses.estimated_pose import EstimatedPose
 from .checks import Checked, lower_limit_of
 from .error_of_X import moved, points_of
 from .estimated import Estimated
@@ -149,6 +151,10 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
+# Of a result without a tolerance.
+NO_VERDICTS: Mapping[str, Verdict] = MappingProxyType({})
+
+
 def verdict_of(result: Checked, tolerance: ToleranceLike, at: str | float | None = None) -> Verdict:
     """Return whether X meets a tolerance; see the module.
 
@@ -174,6 +180,18 @@ def verdict_of(result: Checked, tolerance: ToleranceLike, at: str | float | None
     if not reasons and lower_limit_of(result):
         reasons.append("the accuracy is a lower limit: no shared error is included")
     if reasons or probability is None:
+        return Verdict(NOT_SHOWN, probability, wanted, tuple(reasons))
+    return Verdict(PASS if probability >= MET else NOT_SHOWN, probability, wanted)
+
+
+def verdict_of_pose(one: EstimatedPose, reference: Reference, wanted: Tolerance, reasons: Sequence[str]) -> Verdict:
+    """Return whether a pose of several meets a tolerance; ``reasons``: why it is not shown to meet any."""
+    if len(one.open):
+        return Verdict(NOT_SHOWN, None, wanted, (f"{one.name} is not determined in all directions",))
+    probability = probability_within(one.covariance, reference, wanted, one.pose[:3, :3])
+    if probability <= MISSED:
+        return Verdict(FAIL, probability, wanted)
+    if reasons:
         return Verdict(NOT_SHOWN, probability, wanted, tuple(reasons))
     return Verdict(PASS if probability >= MET else NOT_SHOWN, probability, wanted)
 

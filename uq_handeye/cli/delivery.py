@@ -1,9 +1,9 @@
 """Output of a command: files in the folder of ``-o DIR``, the report, the printed text, tolerance and exit status."""
 
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.files.about import read_about
@@ -19,14 +19,11 @@ from .values import one_of, require_writable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..calibration.result import Calibration
-    from ..calibration.rig_result import RigCalibration
+    from ..calibration.load import Result
     from ..calibration.tolerance import Tolerance, Verdict
     from ..core.presentation.document import Document
-    from ..fit.diagnostics.pose_table import PoseTable
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
-    from ..model.poses.scene_facts import SceneFacts
     from ..report.comparison.compare import Compared
     from ..scene.result import ScenePoses
     from ..trials.validation.cross_check.result import CrossCheck
@@ -51,46 +48,50 @@ def tolerance_of(tolerance: str | None = None, at: str | None = None) -> "Tolera
 
 
 def emit_result(
-    result: "Calibration",
-    verdict: "Verdict | None" = None,
+    result: "Result",
+    verdicts: "Mapping[str, Verdict]",
     *,
     as_json: bool = False,
-    last: tuple[str, ...] = (),
+    last: Sequence[str] = (),
     threshold: float = MIN_SHOWN_CORRELATION,
 ) -> int:
-    """Print a calibration and return the exit status: JSON, the 4x4 (-q), everything (-v) or one screen.
+    """Print a result and return the exit status: JSON, the matrices (-q), everything (-v) or one screen.
 
     ``last`` are paragraphs below the text.
     """
-    if as_json:
-        emit(json_of(result, verdict))
-    elif quiet():
-        matrix = "".join(" ".join(map(repr, row)) + "\n" for row in result.X.tolist())
-        emit(f"# X in m. {result.headline}\n{matrix}")
-    else:
-        from ..calibration.report.first_screen import first_screen
-        from ..calibration.report.text import long_document
-        from ..core.presentation.document import Paragraph
+    from ..calibration.report import text as text  # registers the text of one camera
+    from ..core.presentation.document import document_of
 
-        if verbose():
-            below = [Paragraph(text, hang="  ") for text in last]
-            emit_document([*long_document(result, threshold, verdict), below])
-        else:
-            emit_document(first_screen(result, verdict=verdict, last=last, width=terminal_width()))
+    if as_json:
+        emit(json_of(result, verdicts))
+    elif quiet():
+        emit(_matrices(result))
+    else:
+        options = {"threshold": threshold, "verdicts": verdicts, "last": last, "width": terminal_width()}
+        emit_document(document_of(result, verbose=verbose(), **options))
     if quiet() and not result.usable:
         LOG.error("%s", result.headline)
-    return status_of(result, verdict)
+    return status_of(result, *verdicts.values())
 
 
-def emit_answer(result: "Calibration", verdict: "Verdict | None", written: str) -> int:
-    """Print the headline and the verdict of a calibration and what was written; return the exit status."""
-    from ..calibration.report.first_screen import answer_blocks
+def _matrices(result: "Result") -> str:
+    """Return X as four lines below the headline; of several cameras a line each, with its name."""
+    poses = result.camera_poses
+    if len(poses) > 1:
+        return "".join(f"{name} {' '.join(map(repr, X.ravel().tolist()))}\n" for name, X in poses.items())
+    matrix = "".join(" ".join(map(repr, row)) + "\n" for X in poses.values() for row in X.tolist())
+    return f"# X in m. {result.headline}\n{matrix}"
+
+
+def emit_answer(result: "Result", verdicts: "Mapping[str, Verdict]", written: str) -> int:
+    """Print the headline of a result, the verdicts on it and what was written; return the exit status."""
+    from ..calibration.report.answer import verdict_blocks
     from ..core.presentation.document import Answer, Paragraph
 
     if not quiet():
-        answers = [block for block in answer_blocks(result, verdict) if block.kind == Answer.kind]
+        answers = [Answer(result.headline, result.status), *verdict_blocks(result, verdicts)]
         emit_document([[*answers, Paragraph(written, hang="  ")]])
-    return status_of(result, verdict)
+    return status_of(result, *verdicts.values())
 
 
 def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: list[str]) -> int:
@@ -98,8 +99,8 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
-    from ..calibration.accuracy import NOT_USABLE as HEADLINE
     from ..calibration.checks import failures_in_words
+    from ..calibration.stored_result import NOT_USABLE as HEADLINE
     from ..core.files.json_files import json_text
     from ..core.presentation.document import Answer, Paragraph
     from ..findings import step_after
@@ -127,7 +128,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
     return ExitStatus.NOT_USABLE
 
 
-def refused_as_not_usable(result: "Calibration | RigCalibration", name: object, done: str) -> bool:
+def refused_as_not_usable(result: "Result", name: object, done: str) -> bool:
     """Return whether a result cannot be used, and say so: its headline, and that nothing was ``done`` with it."""
     if not result.reasons:
         return False
@@ -135,18 +136,20 @@ def refused_as_not_usable(result: "Calibration | RigCalibration", name: object, 
     return True
 
 
-def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
-    """Return the result as JSON text, with the verdict on the tolerance."""
+def json_of(result: "Result", verdicts: "Mapping[str, Verdict]") -> str:
+    """Return the result as JSON text, with the verdict on the tolerance; of several cameras by their names."""
     from ..core.files.json_files import signed_text
 
-    return signed_text(result.to_dict() | ({} if verdict is None else {"verdict": verdict.to_dict()}))
+    of_each = {name: one.to_dict() for name, one in verdicts.items()}
+    more = {"verdicts": of_each} if len(of_each) > 1 else {"verdict": next(iter(of_each.values()))} if of_each else {}
+    return signed_text(result.to_dict() | more)
 
 
-def status_of(result: "Calibration | RigCalibration", *verdicts: "Verdict | None") -> int:
-    """Return the exit status of a calibration, of a rig with a verdict on each camera."""
+def status_of(result: "Result", *verdicts: "Verdict") -> int:
+    """Return the exit status of a result with a verdict on each camera."""
     if result.answered == "no":
         return ExitStatus.NOT_USABLE
-    if any(verdict is not None and not verdict.passed for verdict in verdicts):
+    if any(not verdict.passed for verdict in verdicts):
         return ExitStatus.NOT_PASSED
     return ExitStatus.DONE if result.usable else ExitStatus.IN_PART
 
@@ -254,13 +257,13 @@ def report_options_of(
     return ReportOptions(read_about(about or ()), full_report, one_of(paper, "--paper", PAPERS))
 
 
-# Files of X for other programs that are written with a result, by the format of `export`.
-EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
-
 # Every figure that `report.figures` may draw.
 FIGURES = ("ellipses", "rig", "residuals", "budget", "shared", "task_space", "workspace", "methods")
 
 REPORTS = (".html", ".pdf")
+
+NO_FILES: Mapping[str, str] = MappingProxyType({})
+NO_VERDICTS: "Mapping[str, Verdict]" = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -289,12 +292,13 @@ class Outputs:
 
     def write(
         self,
-        result: "Calibration",
-        verdict: "Verdict | None",
+        result: "Result",
+        verdicts: "Mapping[str, Verdict]",
         check: "CrossCheck | None" = None,
         wishes: ReportOptions | None = None,
+        files: "Mapping[str, str]" = NO_FILES,
     ) -> str:
-        """Write the files, and return their names as a sentence."""
+        """Write the files, and further ``files`` by their names; return what was written as a sentence."""
         wishes, comparison = wishes or ReportOptions({}), not self.no_compare
         methods: Compared | bool = comparison
         folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or wishes.details)
@@ -305,16 +309,14 @@ class Outputs:
                 methods = compare_result(result)
         names = []
         if self.output is not None:
+            from ..report.files import figures_of
+
             compared = getattr(methods, "comparison", None)
             with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
-                drawn: dict[str, Figure] = {}
-                if self.figures:
-                    from ..report.figures import figures
-
-                    drawn = figures(result, check, compared)
-                names.append(_write_result(result, verdict, self.output, drawn))
+                drawn = figures_of(result, check, compared) if self.figures else {}
+                names.append(_write_result(result, verdicts, self.output, {**drawn, **files}))
         if self.report is not None:
-            write_report(result, self.report, methods, check, wishes, verdict)
+            write_report(result, self.report, methods, check, wishes, verdicts)
             names.append(str(self.report))
         return f"Wrote {' and '.join(names)}." if names else ""
 
@@ -340,7 +342,7 @@ class DemoOutputs(Outputs):
 
 
 def deliver_result(
-    result: "Calibration",
+    result: "Result",
     outputs: Outputs,
     tolerance: "Tolerance | None",
     wishes: ReportOptions | None = None,
@@ -348,94 +350,49 @@ def deliver_result(
     check: "CrossCheck | None" = None,
     threshold: float = MIN_SHOWN_CORRELATION,
     more: str = "",
+    files: "Mapping[str, str]" = NO_FILES,
 ) -> int:
     """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
-    from ..calibration.report.first_screen import next_step
+    from ..calibration.report.answer import closing_lines
 
     result = _with_command(result)
-    verdict = None if tolerance is None else result.verdict(tolerance)
-    written = outputs.write(result, verdict, check, wishes)
-    last = (written, f"Next: {next_step(result, None if outputs.report is None else str(outputs.report))}.", more)
-    return emit_result(result, verdict, as_json=outputs.as_json, last=tuple(filter(None, last)), threshold=threshold)
+    verdicts = result.verdicts(tolerance)
+    written = outputs.write(result, verdicts, check, wishes, files)
+    last = closing_lines(result, written, None if outputs.report is None else str(outputs.report), more)
+    return emit_result(result, verdicts, as_json=outputs.as_json, last=last, threshold=threshold)
 
 
 def write_report(
-    result: "Calibration",
+    result: "Result",
     file: Path,
     comparison: "Compared | bool",
     check: "CrossCheck | None",
     wishes: ReportOptions | None = None,
-    verdict: "Verdict | None" = None,
+    verdicts: "Mapping[str, Verdict]" = NO_VERDICTS,
 ) -> None:
     """Write the report, which names this command line."""
     wishes = wishes or ReportOptions({})
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         _with_command(result).report(
-            file, comparison=comparison, cross_check=check, verdict=verdict, details=wishes.details, paper=wishes.paper
+            file, comparison=comparison, cross_check=check, verdict=verdicts, details=wishes.details, paper=wishes.paper
         )
 
 
-def _with_command(result: "Calibration") -> "Calibration":
+def _with_command(result: "Result") -> "Result":
     if result.provenance is None:
         return result
     return replace(result, provenance=replace(result.provenance, command=command_line()))
 
 
 def _write_result(
-    result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: "Mapping[str, Figure]"
+    result: "Result", verdicts: "Mapping[str, Verdict]", directory: Path, more: "Mapping[str, str | bytes | Figure]"
 ) -> str:
-    """Write the folder of -o with the figures that were drawn, and return what was written."""
-    from ..calibration.rig_result import several_of_split
-    from ..formats.export import exported, several_exported
+    """Write the folder of -o with further files, and return what was written."""
     from ..read import write_files
+    from ..report.files import FILES, files_of, words_of_intrinsics
 
-    files: dict[str, str | bytes] = {"result.json": json_of(result, verdict)}
-    files |= {name: exported(result, format) for format, name in EXPORTS.items()}
-    from ..calibration.camera_of_result import corrected_camera
-
-    if (seen := corrected_camera(result)) is not None:  # the intrinsics, with the poses and corners that belong to them
-        from ..model.camera.calibration_files import camera_files
-
-        files |= camera_files(seen)
-    scene: SceneFacts | None = getattr(result.data, "scene", None)
-    if scene is not None and len(scene.image_size) == 2 and scene.lens:
-        from ..scene.lens import NAMES
-        from ..scene.result import INTRINSICS, intrinsics_yaml
-
-        width, height = scene.image_size
-        files[INTRINSICS] = intrinsics_yaml(dict(zip(NAMES, scene.lens, strict=True)), (width, height))
-    if result.table is not None:
-        files["poses.csv"] = _poses_csv(result.table)
-    if result.split:
-        files["split.toml"] = several_exported(several_of_split(result.split), "toml")
-    files |= rendered(drawn)
+    files = {result.file_name: json_of(result, verdicts)} | files_of(result, verdicts) | rendered(more)
     write_files(directory, files)
-    possible = {
-        "poses.csv",
-        "split.toml",
-        *EXPORTS.values(),
-        *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg")),
-    }
-    for name in possible - set(files):  # those of an earlier run are not of this result
-        (directory / name).unlink(missing_ok=True)
-    wrote = f"{directory / 'result.json'} with {len(files) - 1} more files"
-    if seen is None:
-        return wrote if scene is None else f"{wrote}; X belongs to the intrinsics of the scene, intrinsics.yaml"
-    of = "corrected intrinsics" if seen.estimated else "intrinsics as given"
-    return f"{wrote}; X belongs to the {of}, intrinsics.yaml"
-
-
-def _poses_csv(table: "PoseTable") -> str:
-    """Format the table of the poses as pandas writes its `to_dataframe`, without loading pandas."""
-    columns: dict[str, Iterable[float | str | None]] = {
-        table.item: range(len(table)),
-        "rotation_deg": [math.degrees(angle) for angle in table.rotation.tolist()],
-        "translation_mm": [1e3 * length for length in table.translation.tolist()],
-        "distance2": table.distance2.tolist(),
-        "leverage": table.leverage.tolist(),
-        "weight": table.weight.tolist(),
-        "flag": table.flag,
-    }
-    rows = zip(*columns.values(), strict=True)
-    lines = (",".join("" if value != value else str(value) for value in row) for row in rows)  # NaN is no value
-    return "\n".join([",".join(columns), *lines, ""])
+    for name in {*FILES, *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))} - set(files):
+        (directory / name).unlink(missing_ok=True)  # those of an earlier run are not of this result
+    return f"{directory / result.file_name} with {len(files) - 1} more files{words_of_intrinsics(result)}"

@@ -20,17 +20,28 @@ from .options import names_of_options
 from .pictures import LensOptions, Pictures, Scene, pictures_of
 from .pose_files import PoseFiles
 from .pose_prior import pose_prior_of
-from .rig_files import is_rig_file, named_camera, read_rig_file
-from .stored import OneOfRig, is_result
+from .rig_files import (
+    OF_FILES,
+    is_rig_file,
+    named_camera,
+    named_files,
+    read_rig_file,
+    reading_of_views,
+    tolerance_of_views,
+)
+from .stored import EVERYWHERE, OneOfRig, is_result
 from .touches import TouchesToUse
 from .values import naming_option, one_of
 from .views import Views, views_of
 
 if TYPE_CHECKING:
+    from ..calibration.load import Result
     from ..calibration.result import Calibration
+    from ..calibration.rig_result import RigCalibration
     from ..model.errors.models import Noise
     from ..model.errors.sizes import Size
     from ..model.poses.pose_pairs import PosePairs
+    from ..model.rig.description import Rig
     from ..model.shared_errors.shared_error import SharedError
 
 
@@ -69,8 +80,14 @@ class NewPoses(NamedTuple):
         """Return whether no new poses are given."""
         return (self.files.robot, self.files.camera, self.images, self.joints) == (None,) * 4 and not self.cameras
 
-    def read(self, stored: "Calibration", name: str) -> "PosePairs":
-        """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
+    def read(self, stored: "Result", name: str) -> "PosePairs | Rig":
+        """Return the new measurements that a result in the file ``name`` is held against: poses, or views by names."""
+        if stored.one_of_each is None:
+            return new_views(stored, self)
+        return self._side_by_side(stored, name)
+
+    def _side_by_side(self, stored: "Calibration", name: str) -> "PosePairs":
+        """Return the poses; the setup is that of the calibration unless one is given."""
         files, camera = named_camera(self.files, self.cameras)
         if camera not in (None, stored.names.camera):
             raise InputError(f"--camera {camera}: {name} has the camera {stored.names.camera!r}. Correct the name.")
@@ -108,6 +125,66 @@ class NewPoses(NamedTuple):
                 "intrinsics as then."
             )
         return Pictures(self.images, self.board, LensOptions(), of_result=camera)
+
+
+# Options of new views of a rig.
+NEW_VIEWS = (
+    "ROBOT",
+    "--joints",
+    "--joint-units",
+    *sorted(OF_FILES - {"--setup", "--noise", "--robot-noise", "--camera-noise"}),
+)
+
+
+def new_views(stored: "RigCalibration", new: NewPoses) -> "Rig":
+    """Return new views of a rig file, or of a file for each camera."""
+    from ..read.rig.pose_rows import read_rows, views_of_files
+    from ..read.rig.rig_file import read_rig
+    from ..read.rig.sources import arm_poses, joint_rows
+
+    of_files = names_of_options(NewPoses) | {"CAMERA"}
+    if wrong := [name for name in given_options() if name in of_files - {*NEW_VIEWS, *EVERYWHERE}]:
+        raise InputError(f"{', '.join(wrong)}: not for the result of a rig. Remove it.")
+    robot, rig = new.files.robot, stored.rig
+    if any(view.scene for view in rig.views):
+        raise InputError(
+            "The rig is by pictures of a scene, whose frame is that of one run. Calibrate the new pictures with "
+            "--scene, and compare the relative poses of the cameras; or add them to the old ones."
+        )
+    if robot is not None and robot.suffix.lower() == ".toml":
+        if new.cameras or new.joints is not None:
+            raise InputError(f"{robot} names all files of the new views. Remove --camera and --joints.")
+        return read_rig(robot)[0]
+    if not new.cameras:
+        raise InputError(
+            "New views of a rig come as a rig file, e.g. today.toml, or as robot poses with --camera NAME=FILE."
+        )
+    arm, *others = rig.arms
+    if others:
+        raise InputError("The rig has several arms: give the new views as a rig file, e.g. today.toml.")
+    named = named_files(new.cameras)
+    tolerance = tolerance_of_views(new.files)
+    reading = reading_of_views(new.files, [name.partition(":")[0] for name in named])
+    rows = None if robot is None else read_rows(robot, "robot", **reading["robot"])
+    if new.joints is not None:
+        if (chain := rig.arms[arm].kinematics) is None:
+            raise InputError(f"The arm {arm!r} was calibrated without a robot model. Remove --joints.")
+        rows = joint_rows(new.joints, chain, new.joint_units, rows)
+    if rows is None:
+        raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
+    files = {}
+    for name, file in named.items():
+        camera, _, target = name.partition(":")
+        if camera not in rig.cameras:
+            raise InputError(f"--camera {name}: the rig has {', '.join(rig.cameras)}. Correct the name.")
+        seen = list(dict.fromkeys(view.target for view in rig.views if view.camera == camera))
+        if not target and len(seen) > 1:
+            raise InputError(f"The camera {camera!r} sees {', '.join(seen)}. Give --camera {camera}:{seen[0]}=FILE.")
+        files[camera, target or seen[0]] = file
+    found = views_of_files(rows, arm, files, rig.cameras, rig.targets, tolerance, reading)
+    if rows.joints is None:
+        return found
+    return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].errors)})
 
 
 class Session(NamedTuple):

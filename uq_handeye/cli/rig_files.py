@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .messages import given_options
+from .names import PAIRINGS
+from .pose_files import OF_FILE, values_of_files
+from .values import one_of
 
 if TYPE_CHECKING:
     from ..model.poses.pose_pairs import PosePairs
@@ -90,3 +93,31 @@ def named_files(cameras: Iterable[str]) -> dict[str, Path]:
             raise InputError(f"The camera {name!r} is given twice, {named[name]} and {file}. Rename one of them.")
         named[name] = Path(file)
     return named
+
+
+def tolerance_of_views(files: "PoseFiles") -> float:
+    """Seconds by which the time of a view may differ from that of its robot pose."""
+    how = None if files.pair is None else one_of(files.pair, "--pair", PAIRINGS)
+    if how == "async":
+        raise InputError(
+            "--pair async: not for several cameras. Put each on the clock of the robot with uq-handeye sync."
+        )
+    if how == "rows":
+        raise InputError("--pair rows: several cameras are matched by time or pose name. Remove it.")
+    if files.time_tolerance is not None and how != "time":
+        raise InputError("--time-tolerance needs --pair time. Add it.")
+    return 0.0 if how is None else 0.02 if files.time_tolerance is None else files.time_tolerance
+
+
+def reading_of_views(files: "PoseFiles", cameras: list[str]) -> dict[str, dict[str, Any]]:
+    """Return how files are read, by robot and the names of cameras."""
+    of_files = {name: values_of_files(getattr(files, name), f"--{name}", cameras) for name in OF_FILE}
+    frames = values_of_files(files.camera_frame, "--camera-frame", cameras) | {"robot": files.robot_frame}
+    found = {}
+    for name, frame in frames.items():
+        form, order = of_files["rotation"][name], of_files["quaternion"][name]
+        if form is not None and order is not None:
+            raise InputError(f"--rotation and --quaternion are both given for the file of {name}. Remove one of them.")
+        found[name] = {"units": of_files["units"][name], "format": of_files["format"][name], "rotation": form or order,
+                       "frame": frame}  # fmt: skip
+    return found

@@ -1,4 +1,4 @@
-"""Stored results that a command takes: of one camera, or of a rig, of which one camera is chosen."""
+"""Stored results that a command takes, of which it may choose one camera and one target."""
 
 import json
 import re
@@ -13,8 +13,8 @@ from .messages import given_options
 from .printing import emit
 
 if TYPE_CHECKING:
+    from ..calibration.load import Result
     from ..calibration.result import Calibration
-    from ..calibration.rig_result import RigCalibration
     from ..core.files.json_values import Json
 
 # Options that every command takes with a stored result.
@@ -47,42 +47,35 @@ class OneOfRig(NamedTuple):
     of_target: str | None = None
 
     def each(self, path: Path | None, option: str = "--camera") -> list[str]:
-        """Return the cameras of the result of a rig, where it has several and none is chosen; else none."""
-        found = stored_rig(path) if self.of_camera is None else None
-        cameras = [] if found is None else list(found.rig.cameras)
+        """Return the cameras of a result, where it has several and none is chosen; else none."""
+        if self.of_camera is not None or path is None or not is_result(path):
+            return []
+        from ..calibration.load import load
+
+        cameras = list(load(path).camera_names)
         if len(cameras) > 1 and self.of_target is not None:
             raise InputError(f"--target {self.of_target} is of one camera. Add {option} {cameras[0]}.")
         return cameras if len(cameras) > 1 else []
 
     def read(self, path: Path) -> "Calibration":
-        """Return the result of one camera, or one camera of that of a rig."""
-        from ..calibration.result import load
+        """Return the result of one camera, or one camera of that of several."""
+        from ..calibration.load import load
 
         return self.of(load(path), path)
 
-    def of(self, found: "Calibration | RigCalibration", path: Path, option: str = "--camera") -> "Calibration":
+    def of(self, found: "Result", path: Path, option: str = "--camera") -> "Calibration":
         """Return a result as that of one camera; raises `InputError` for a camera that it does not have.
 
         ``option`` names the camera, where --camera asks for camera poses.
         """
-        from ..calibration.result import Calibration
-
-        if isinstance(found, Calibration):
-            for called, name, own in (
-                (option, self.of_camera, found.names.camera),
-                ("--target", self.of_target, found.names.target),
-            ):
-                if name not in (None, own):
-                    raise InputError(f"{called} {name}: {path} has {own!r}. Correct the name.")
-            return found
-        from ..calibration.of_camera import of_camera
-
-        camera, cameras = self.of_camera, list(found.rig.cameras)
-        if camera is None and len(cameras) > 1:
+        cameras = found.camera_names
+        if self.of_camera is None and len(cameras) > 1:
             raise InputError(f"{path} has the cameras {', '.join(cameras)}. Choose one: {option} {cameras[0]}.")
-        if camera not in (None, *cameras):
-            raise InputError(f"{option} {camera}: {path} has {', '.join(cameras)}. Correct the name.")
-        return of_camera(found, camera or cameras[0], self.of_target)
+        of_camera, of_target = (option, self.of_camera, cameras), ("--target", self.of_target, found.target_names)
+        for called, name, known in (of_camera, of_target):
+            if name not in (None, *known):
+                raise InputError(f"{called} {name}: {path} has {', '.join(known)}. Correct the name.")
+        return found.of_camera(self.of_camera, self.of_target)
 
 
 def run_each(
@@ -116,33 +109,15 @@ def of_rig() -> bool:
 
 
 def is_result(path: Path | None) -> bool:
-    """Return whether a file is a result of one camera or of a rig, by its format."""
-    return _head(path) is not None
-
-
-def stored_rig(path: Path | None) -> "RigCalibration | None":
-    """Return the result of a rig, None for another file."""
-    if _head(path) != "rig":
-        return None
-    from ..calibration.result import load
-    from ..calibration.rig_result import RigCalibration
-
-    assert path is not None
-    found = load(path)
-    return found if isinstance(found, RigCalibration) else None
-
-
-def _head(path: Path | None) -> str | None:
-    """Return what a result file is of, as its start says: "camera", "rig", or "" in older formats; None: no result."""
+    """Return whether a file is the result of a calibration, by its format."""
     from ..core.files.json_files import result_file  # NumPy is slow to import
 
     path = None if path is None else result_file(path)
     if path is None or path.suffix.lower() != ".json" or not path.is_file():
-        return None
+        return False
     with path.open("rb") as file:
         start = file.read(200).decode("utf-8", "replace")
-    found = re.match(r'\s*{\s*"format"\s*:\s*"uq-handeye (?:calibration|rig) \d+"(?:\s*,\s*"of"\s*:\s*"(\w+)")?', start)
-    return None if found is None else found[1] or ""
+    return re.match(r'\s*{\s*"format"\s*:\s*"uq-handeye (?:calibration|rig) \d+"', start) is not None
 
 
 def refuse(*taken: str, what: str = "the result of a rig") -> None:

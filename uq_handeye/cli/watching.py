@@ -106,7 +106,7 @@ class Watch(NamedTuple):
         from .delivery import json_of
 
         if self.output is not None and answer.result is not None:
-            write_files(self.output, {"result.json": json_of(answer.result, answer.verdict)})
+            write_files(self.output, {"result.json": json_of(answer.result, answer.verdicts)})
 
     def _say(self, lines: list[str]) -> None:
         if quiet():

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..calibration.accuracy import Accuracy
+from ..calibration.parts import Provenance
+from ..calibration.report.answer import badges_of, status_with
 from ..calibration.result import Calibration
 from ..calibration.tolerance import percent
 from ..core.limits import MAX_LISTED
 from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
 from ..core.presentation.numbers import digits
 from .budget import LEVEL, components_of, correlation_of, gum_table, lower, sizes_of_stated, worst_of
-from .certificate_form import NOT_CERTIFIED, refused
 from .decision import RULE, Decision
-from .sections import colour_of
 from .statements import (
     VALIDITY,
     conditions_of,
@@ -29,6 +29,7 @@ from .statements import (
     versions_of,
 )
 
+NOT_CERTIFIED = "NOT CERTIFIED"
 LOWER_LIMIT = "LOWER LIMIT"
 
 
@@ -42,10 +43,9 @@ def sheets_of(result: Calibration, decision: Decision | None, refusals: Sequence
 
 
 def _first(result: Calibration, decision: Decision | None) -> list[Section]:
-    answer: list[Block] = [Answer(result.headline, colour_of(result, None if decision is None else decision.verdict))]
+    answer: list[Block] = [Answer(result.headline, status_with(result, None if decision is None else decision.verdict))]
     if decision is not None:
-        verdict = decision.verdict
-        answer.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
+        answer += badges_of(result, {result.names.camera: decision.verdict})
         answer.append(Paragraph(f"{decision.sentence} {RULE}".strip()))
     if _accuracy(result).lower_limit:
         answer.append(Badge(LOWER_LIMIT, _why_lower(result), "caution"))
@@ -154,9 +154,21 @@ def _second(result: Calibration) -> list[Section]:
 
 def _origin(result: Calibration) -> list[Section]:
     """Return where the numbers come from: hashes, noise, lengths, versions."""
-    rows = [[name, digest] for name, digest in hashes_of(result)]
+    words = f"Noise: {noise_source(result)}. {lengths_of(result)}"
+    return [origin_section(hashes_of(result), words, result.provenance)]
+
+
+def origin_section(hashes: Sequence[tuple[str, str]], words: str, provenance: Provenance | None) -> Section:
+    """Return where the numbers come from: hashes of the input, further words, versions."""
     blocks: list[Block] = []
-    if rows:
+    if hashes:
+        rows = [[name, digest] for name, digest in hashes]
         blocks.append(Table("", ["input", "SHA-256"], rows, frozenset({1}), verbatim=True))
-    blocks.append(Paragraph(f"Noise: {noise_source(result)}. {lengths_of(result)} Versions: {versions_of(result)}."))
-    return [Section("traceability", "Traceability", blocks, wide=True)]
+    blocks.append(Paragraph(f"{words} Versions: {versions_of(provenance)}.".strip()))
+    return Section("traceability", "Traceability", blocks, wide=True)
+
+
+def refused(*why: Block) -> Section:
+    """Return the section that says that nothing is certified, and why."""
+    last = Paragraph("This page states no result. It must not be used as evidence of a calibration.")
+    return Section("answer", NOT_CERTIFIED, [*why, last], wide=True)

@@ -1,28 +1,15 @@
-"""The decision on a tolerance in the terms of JCGM 106, with its guard band; for a rig one decision per camera."""
+"""The decision on a tolerance in the terms of JCGM 106, with its guard band, of each camera."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration.result import Calibration
-from ..calibration.rig_result import RigCalibration
-from ..calibration.tolerance import (
-    FAIL,
-    MET,
-    MISSED,
-    NOT_SHOWN,
-    PASS,
-    Tolerance,
-    Verdict,
-    percent,
-    probability_of,
-    probability_within,
-)
+from ..calibration.load import Result
+from ..calibration.tolerance import MET, NO_VERDICTS, Tolerance, Verdict, percent
 from ..core.files.json_values import JsonObject
-from ..core.presentation.document import Badge
 from ..core.presentation.numbers import digits
 from ..core.rounding import SOLUTION_ROUNDING
 
@@ -70,9 +57,20 @@ class Decision(NamedTuple):
         return self.verdict.to_dict() | {"rule": RULE, "guard_band": band, "margin": self.margin}
 
 
-def decide(result: Calibration, verdict: Verdict) -> Decision:
-    """Return the verdict with its guard band."""
-    if verdict.probability is None or result.covariance is None:
+# A verdict on X, or on each camera by its name.
+Verdicts = Verdict | Mapping[str, Verdict]
+
+
+def verdicts_by_name(result: Result, verdict: Verdicts | None) -> Mapping[str, Verdict]:
+    """Return verdicts by the names of cameras; a single one is of the first."""
+    if verdict is None:
+        return NO_VERDICTS
+    return {result.camera_names[0]: verdict} if isinstance(verdict, Verdict) else verdict
+
+
+def decide(verdict: Verdict, probability: Callable[[Tolerance], float]) -> Decision:
+    """Return the verdict with its guard band; ``probability``: that X lies within a tolerance."""
+    if verdict.probability is None:
         return Decision(verdict, None)
     wanted = verdict.tolerance
 
@@ -83,26 +81,8 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
     low, high = -9.0, 9.0  # powers of 10
     while high - low > SOLUTION_ROUNDING:
         middle = 0.5 * (low + high)
-        if probability_of(result, scaled(float(10.0**middle))) >= MET:
+        if probability(scaled(float(10.0**middle))) >= MET:
             high = middle
         else:
             low = middle
     return Decision(verdict, scaled(float(np.power(10.0, high))))
-
-
-def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict[str, Verdict]:
-    """Return whether the pose of each camera meets the tolerance; none without one."""
-    found: dict[str, Verdict] = {}
-    for name, camera in result.cameras.items() if tolerance is not None else ():
-        assert tolerance is not None
-        if len(camera.open):
-            found[name] = Verdict(NOT_SHOWN, None, tolerance, (f"{name} is not determined in all directions",))
-            continue
-        p = probability_within(camera.covariance, result.reference, tolerance, camera.pose[:3, :3])
-        found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, tolerance)
-    return found
-
-
-def badges_of(verdicts: Mapping[str, Verdict]) -> list[Badge]:
-    """Return the verdict on each camera as a block of a page."""
-    return [Badge(f"{name}: {one.word}", one.sentence, one.status) for name, one in verdicts.items()]

@@ -1,4 +1,4 @@
-"""The report of a calibration: one self-contained HTML file, or its two pages as PDF.
+"""The report of any result: one self-contained HTML file, or its two pages as PDF.
 
 Page one has the answer, page two the evidence for it; everything else follows in sections that are folded on the
 screen and printed where they are unfolded (``details=True``).
@@ -9,31 +9,23 @@ text is escaped by the template. The same result gives the same file, except for
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._version import __version__
-from ..calibration.report.first_screen import data_words
-from ..calibration.result import Calibration
-from ..calibration.tolerance import Verdict
+from ..calibration.load import Result
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
-from ..core.presentation.document import Section
-from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
-from ..errors import InputError, require_type
+from ..core.presentation.page import PAPERS, Page, page_path, write_page
+from ..errors import require_type
 from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
+from . import rig_page as rig_page  # registers the content of a rig
 from .certificate import make_certificate
 from .comparison.compare import Compared, compare_result
 from .comparison.result import Comparison
-from .figures import pictures, require_same_problem, small_pictures
-from .sections import folded_sections
-from .sheets import caution_points, first_sheet, second_sheet, split_cautions
-
-if TYPE_CHECKING:
-    from ..calibration.result import Calibration
-    from ..calibration.tolerance import Verdict
+from .content import Wanted, content_of
+from .decision import Verdicts, verdicts_by_name
 
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool
@@ -41,13 +33,13 @@ NOT_COMPARED = "Not compared with other methods."
 
 
 def write_report(
-    result: Calibration,
+    result: Result,
     path: str | Path,
     *,
     comparison: Methods = True,
     cross_check: CrossCheck | None = None,
     about: Mapping[str, str] | None = None,
-    verdict: Verdict | None = None,
+    verdict: Verdicts | None = None,
     details: bool = False,
     paper: str = PAPERS[0],
     certificate: bool = False,
@@ -89,11 +81,11 @@ def write_report(
 
 
 def report_html(
-    result: Calibration,
+    result: Result,
     *,
     comparison: Comparison | Compared | None = None,
     cross_check: CrossCheck | None = None,
-    verdict: Verdict | None = None,
+    verdict: Verdicts | None = None,
     details: bool = False,
     folded: bool = True,
     date: str | None = None,
@@ -102,7 +94,7 @@ def report_html(
 
     Parameters
     ----------
-    result : Calibration
+    result : Calibration or RigCalibration
     comparison, cross_check, verdict
         As for `write_report`; a comparison is not made.
     details : bool
@@ -117,53 +109,33 @@ def report_html(
     InputError
         A comparison or cross-check of another problem.
     """
-    if cross_check is not None:
-        require_same_problem(result, cross_check)
     found = comparison if isinstance(comparison, Compared) else Compared(comparison, NOT_COMPARED, "")
-    if found.comparison is not None and found.comparison.frame != result.frame:
-        raise InputError(
-            f"Expected `comparison` to be of {result.frame}, as the result, got one of {found.comparison.frame}."
-        )
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
-    drawn = pictures(result, cross_check, found.comparison, None if folded else ("rig",))
-    drawings = {stem: drawing(stem, picture) for stem, picture in drawn.items()}
-    drawings |= {stem: drawing(stem, picture, small=True) for stem, picture in small_pictures(result).items()}
-    shown, further = split_cautions(result.cautions)
-    sheets = [first_sheet(result, verdict, drawings), second_sheet(result, drawings, shown)]
-    sections: list[Section] = []
-    if further:
-        sections.append(Section("further", "Further cautions", [caution_points(further)], folded=True))
-    if folded:
-        sections += folded_sections(result, drawings, found, cross_check, date)
-    facts = [
-        result.setup or "motions without poses",
-        data_words(result),
-        f"method {result.method}",
-        f"report of {date}",
-    ]
+    verdicts = verdicts_by_name(result, verdict)
+    content = content_of(result, Wanted(found, cross_check, verdicts, folded, date))
     return Page(
         "Hand-eye calibration",
-        result.frame,
-        facts,
-        sections,
-        sheets=sheets,
+        ", ".join(content.subjects),
+        [*content.facts, f"method {result.method}", f"report of {date}"],
+        content.sections,
+        sheets=content.sheets,
         fields=title_fields(result),
-        foot=_foot(result, sections),
+        foot=_foot(result, [section.title for section in content.sections]),
         full=details,
     ).html()
 
 
-def _foot(result: Calibration, sections: Sequence[Section]) -> str:
+def _foot(result: Result, not_printed: list[str]) -> str:
     """Return the last line of page two: what made the report, of which data, and what is not printed."""
     text = f"uq-handeye {__version__}. Standard deviations are 1 sigma."
     if result.provenance is not None:
         text += f" SHA-256 of the data: {result.provenance.data_sha256[:16]}..."
-    if sections:
-        text += f" Not printed: {'; '.join(section.title for section in sections)}."
+    if not_printed:
+        text += f" Not printed: {'; '.join(not_printed)}."
     return text
 
 
-def title_fields(result: Calibration) -> list[tuple[str, str]]:
+def title_fields(result: Result) -> list[tuple[str, str]]:
     """Return the names and texts of the title block; those without text are room to write on paper."""
     shown = [key for key in ABOUT if key not in OF_CERTIFICATE and (key != "note" or key in result.about)]
     return [(ABOUT[key], result.about.get(key, "")) for key in shown]

@@ -1,4 +1,4 @@
-"""The report of a rig: one self-contained HTML file, or its two pages as PDF, with the skeleton of one camera's report.
+"""The report of a rig: its selection of sections, and its drawing.
 
 Page one has the answer, the drawing of the rig and all poses; page two the relative poses, residuals by camera and
 target, and the noise; the rest follows in sections that are folded on the screen.
@@ -12,24 +12,20 @@ written as SVG (`sketch.svg.j2`); its classes give it the colours of the page.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 
-from .._version import __version__
+from ..calibration.report.answer import badges_of
 from ..calibration.report.rig_sections import rig_parts
 from ..calibration.rig_poses import RigPoses
-from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.limits import MAX_LISTED
-from ..core.presentation.document import Badge, Drawing, Section
+from ..core.presentation.document import Drawing, Section
 from ..core.presentation.html import macros
 from ..core.presentation.numbers import digits
-from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from ..core.presentation.sections import selected
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.rig.description import WORLD
+from .content import Content, Wanted, content_of
 
 # Sections that follow the two pages.
 FOLDED = ("sizes", "paths", "certificate", "largest", "numbers", "conventions")
@@ -63,10 +59,11 @@ def rig_sketch(result: RigPoses) -> Drawing:
 
 def _node(result: RigPoses, one: EstimatedPose, most: list[float]) -> dict[str, str | list[float] | None]:
     """Return what is drawn of a pose: its names, its sizes in words and as an ellipse."""
-    name, (turn, shift), radii, said = one.name, one.sizes, None, "not determined"
-    if np.isfinite([turn, shift]).all():
-        radii = [18.0 * size / largest for size, largest in zip((turn, shift), most, strict=True)]
-        said = f"{digits(1e3 * shift, 2)} mm, {digits(float(np.degrees(turn)), 2)} deg"
+    name, radii, said = one.name, None, "not determined"
+    shift, turn = result.facts.select("error of pose", one.frame)
+    if np.isfinite([turn.value, shift.value]).all():
+        radii = [18.0 * size / largest for size, largest in zip(one.sizes, most, strict=True)]
+        said = f"{shift.short} {shift.unit}, {turn.short} {turn.unit}"
     place = result.rig.place(name)
     where = "base of an arm" if name in result.arms else "in the world" if place == WORLD else f"on {place}"
     return {"name": name, "place": where, "head": f"{name}, {where}", "said": said, "radii": radii}
@@ -76,65 +73,12 @@ def _short(text: str) -> str:
     return text if len(text) <= 22 else f"{text[:21]}\N{HORIZONTAL ELLIPSIS}"
 
 
-def write_rig_report(
-    result: RigPoses,
-    path: str | Path,
-    *,
-    about: Mapping[str, str] | None = None,
-    verdicts: Sequence[Badge] = (),
-    details: bool = False,
-    paper: str = PAPERS[0],
-) -> Path:
-    """Write the report of a rig and return its path.
-
-    Parameters
-    ----------
-    result : RigCalibration
-    path : path that ends in .html or .pdf
-    about : mapping of names to text, or None
-        Title block, by the names of `uq_handeye.core.files.about.ABOUT`.
-    verdicts : sequence of Badge
-        Whether each camera meets the tolerance.
-    details : bool
-        Open the folded sections.
-    paper : "a4" or "letter"
-
-    Raises
-    ------
-    InputError
-        Another suffix, or a file that cannot be written.
-    """
-    target = page_path(path, paper)
-    return write_page(target, rig_html(result, about=as_about(about or {}), verdicts=verdicts, details=details), paper)
-
-
-def rig_html(
-    result: RigPoses,
-    *,
-    about: Mapping[str, str] | None = None,
-    verdicts: Sequence[Badge] = (),
-    details: bool = False,
-    date: str | None = None,
-) -> str:
-    """Return the report as HTML text; ``date`` None is now (UTC)."""
-    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
-    rig, titles = result.rig, about or {}
-    parts = rig_parts(result, verdicts)
-    first = selected(parts, ("answer", "poses"), wide=True)
+@content_of.register
+def rig_content(result: RigPoses, wanted: Wanted) -> Content:
+    """Return what the report of a rig shows."""
+    parts = rig_parts(result, badges_of(result, wanted.verdicts))
+    first = selected(parts, ("answer", "next", "poses"), wide=True)
     first.insert(1, Section("rig", "The rig", [rig_sketch(result)], wide=True))
     second = selected(parts, ("pairs", "checks", "views", "noise"), wide=True)
-    sections = selected(parts, FOLDED, folded=True)
-    fields = [(ABOUT[key], titles.get(key, "")) for key in ABOUT if key not in OF_CERTIFICATE and
-              (key != "note" or key in titles)]  # fmt: skip
-    return Page(
-        "Calibration of a rig",
-        ", ".join(rig.cameras),
-        [rig.words, f"{rig.n_views} views", f"method {result.method}",
-         f"report of {date}"],
-        sections,
-        sheets=[first, second],
-        fields=fields,
-        foot=f"uq-handeye {__version__}. Standard deviations are 1 sigma. Not printed: "
-        f"{'; '.join(section.title for section in sections)}.",
-        full=details,
-    ).html()  # fmt: skip
+    sections = selected(parts, FOLDED, folded=True) if wanted.folded else []
+    return Content(result.camera_names, [result.rig.words, f"{result.rig.n_views} views"], [first, second], sections)

@@ -18,7 +18,6 @@ from ..calibration.checks import not_included
 from ..calibration.report.analysis import not_shown_yet, tests_not_run
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.budget import KINDS
-from ..calibration.report.first_screen import status_of
 from ..calibration.report.points_ahead import ahead
 from ..calibration.report.residuals import pose_table
 from ..calibration.report.shared_errors import included_words
@@ -38,7 +37,6 @@ from .figures import poses_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..calibration.tolerance import Verdict
     from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.compare import Compared
 
@@ -51,13 +49,6 @@ def folded(anchor: str, title: str, *blocks: Block | str | None) -> Section:
     """Return a section that is folded on the screen; a text gives the reason for a missing part, None is left out."""
     shown = [Paragraph(block, empty=True) if isinstance(block, str) else block for block in blocks if block is not None]
     return Section(anchor, title, shown, folded=True)
-
-
-def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
-    """Return the status of the headline, as everywhere, or that of the verdict on a tolerance where it is worse."""
-    found = status_of(result)
-    of_verdict = "ok" if verdict is None else verdict.status
-    return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
 
 def full_section(result: Calibration) -> Section:

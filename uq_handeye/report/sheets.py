@@ -7,16 +7,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..calibration.accuracy import limit_of, point_ahead, suits_of
+from ..calibration.report.answer import badges_of
 from ..calibration.report.budget import budget_table
-from ..calibration.report.first_screen import advice, split_blocks
+from ..calibration.report.first_screen import split_blocks
 from ..calibration.result import Calibration
 from ..calibration.tolerance import Verdict
 from ..core.limits import MAX_NAMED
-from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.document import Answer, Block, Cell, Checks, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.numbers import fixed
 from ..core.presentation.units import MM_PER_M
 from ..findings import Finding
-from .sections import colour_of, needs
+from .sections import needs
 
 if TYPE_CHECKING:
     from ..calibration.accuracy import Accuracy
@@ -27,18 +28,18 @@ if TYPE_CHECKING:
 MAX_CAUTION_CHARACTERS = 1500
 
 
-def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[str, Drawing]) -> list[Section]:
+def first_sheet(result: Calibration, verdicts: Mapping[str, Verdict], drawings: Mapping[str, Drawing]) -> list[Section]:
     """Return the sections of page one: number, verdict, checks, a picture, X, and points ahead of the camera."""
-    number: list[Block] = [Answer(result.headline, colour_of(result))]
-    if verdict is not None:
-        number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
+    number: list[Block] = [Answer(result.headline, result.status)]
+    if verdicts:
+        number += badges_of(result, verdicts)
     elif (suits := suits_of(result)) is not None:
         number.append(Paragraph(suits))
     if (limit := limit_of(result)) is not None:
         number.append(Paragraph(limit))
     if also := _further_reasons(result):
         number.append(Paragraph(f"Also: {'; '.join(also)}."))
-    if (step := advice(result)) is not None:
+    if (step := result.advice) is not None:
         number.append(Paragraph(f"Next: {step}."))
     checks, subject = Checks.of(result.checks), result.facts.subject
     rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
 from ..calibration.checks import shared_groups, sizes_of
+from ..calibration.parts import Provenance
 from ..calibration.report.first_screen import file_words, fit_words
 from ..calibration.result import Calibration
 from ..calibration.tolerance import percent
 from ..core.files.about import ABOUT
+from ..core.files.json_values import JsonObject
 from ..core.presentation.numbers import digits
 from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import ROBOT_ACCURACY, ROBOT_SCALE, TARGET_SCALE
@@ -165,10 +168,7 @@ def lengths_of(result: Calibration) -> str:
 
 def hashes_of(result: Calibration) -> list[tuple[str, str]]:
     """Return names and SHA-256 of the input of the result: poses, files, camera, arm."""
-    rows = []
-    if result.provenance is not None:
-        rows.append(("poses as used", result.provenance.data_sha256))
-        rows += [(source.name, source.sha256) for source in result.provenance.sources]
+    rows = input_hashes(result.provenance)
     camera = getattr(result.data, "camera_calibration", None)
     if camera is not None:
         rows.append((f"camera calibration ({camera.model})", _sha256(camera.intrinsics)))
@@ -177,26 +177,42 @@ def hashes_of(result: Calibration) -> list[tuple[str, str]]:
     return rows
 
 
+def input_hashes(provenance: Provenance | None) -> list[tuple[str, str]]:
+    """Return names and SHA-256 of the poses as they were used, and of their files."""
+    if provenance is None:
+        return []
+    return [("poses as used", provenance.data_sha256), *((one.name, one.sha256) for one in provenance.sources)]
+
+
+def traceability(hashes: Sequence[tuple[str, str]], provenance: Provenance | None) -> JsonObject:
+    """Return hashes, versions and the command line as data."""
+    return {
+        "sha256": [{"name": name, "sha256": digest} for name, digest in hashes],
+        "versions": {} if provenance is None else dict(provenance.versions),
+        "command": None if provenance is None else provenance.command,
+    }
+
+
 def _sha256(data: object) -> str:
     """Return the SHA-256 of data as JSON with sorted keys."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
-def versions_of(result: Calibration) -> str:
+def versions_of(provenance: Provenance | None) -> str:
     """Return the versions of the software that computed the result."""
-    if result.provenance is None:
+    if provenance is None:
         return "not recorded"
-    return ", ".join(f"{name} {version}" for name, version in result.provenance.versions.items())
+    return ", ".join(f"{name} {version}" for name, version in provenance.versions.items())
 
 
-def fields_of(result: Calibration) -> list[tuple[str, str]]:
+def fields_of(about: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the title block: all fields that have a text, and those a certificate needs."""
     needed = ("organisation", "cell", "robot", "robot_serial", "camera", "camera_serial", "target", "date")
     elsewhere = ("environment", "reference")
     return [
-        (name, result.about.get(key, ""))
+        (name, about.get(key, ""))
         for key, name in ABOUT.items()
-        if (key in needed or key in result.about) and key not in elsewhere
+        if (key in needed or key in about) and key not in elsewhere
     ]
 
 

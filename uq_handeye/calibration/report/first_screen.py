@@ -7,7 +7,7 @@ text (`text`) and the report.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -26,12 +26,10 @@ from ...core.presentation.document import (
     to_text,
 )
 from ...core.presentation.numbers import fixed
-from ...findings import step_after
-from ...fit.diagnostics.sentences import DECLARE
-from ...model.errors.key import Kind
 from ..accuracy import Accuracy, combined_parts, limit_of, suits_of
 from ..result import Calibration
-from ..tolerance import Verdict
+from ..tolerance import NO_VERDICTS, Verdict
+from .answer import verdict_blocks
 from .arm import frame_words
 from .budget import WITHIN_95
 
@@ -39,18 +37,20 @@ from .budget import WITHIN_95
 LINES = 26
 # Rows of the table of parts; smaller parts are combined.
 MAX_PARTS_SHOWN = 4
-# With fewer poses, more of them are the first advice where noise limits X.
-MIN_POSES_TO_TAKE = 25
 
 
 def first_screen(
-    result: Calibration, *, verdict: Verdict | None = None, last: Sequence[str] = (), width: int = COLUMNS
+    result: Calibration,
+    *,
+    verdicts: Mapping[str, Verdict] = NO_VERDICTS,
+    last: Sequence[str] = (),
+    width: int = COLUMNS,
 ) -> Document:
     """Return the first screen as a document: title, answer, checks, X, and what comes next.
 
     Parameters
     ----------
-    verdict : Verdict or None
+    verdicts : mapping of the name of the camera to Verdict
         Shown below the headline where a tolerance was given.
     last : sequence of str
         Last paragraphs: the files written and the next step.
@@ -59,7 +59,7 @@ def first_screen(
     """
     facts = frame_words(result)
     groups: list[Sequence[Block]] = [
-        [Heading(title_of(result, width)), *answer_blocks(result, verdict)],
+        [Heading(title_of(result, width)), *answer_blocks(result, verdicts)],
         [checks_in_short(result)],
         [*([Paragraph(facts, hang="  ")] if facts else []), *(split_blocks(result) or x_blocks(result, width))],
         [Paragraph(text, hang="  ") for text in last],
@@ -118,23 +118,13 @@ def _cut(text: str, width: int) -> str:
     return f"{text[:left]}...{text[len(text) - (width - 3 - left) :]}"
 
 
-def status_of(result: Calibration) -> str:
-    """Return the status of the headline: "failed" where X is not usable, "caution" where a check is not ok, or "ok"."""
-    if result.reasons:
-        return "failed"
-    if result.accuracy is None or result.accuracy.lower_limit or result.cautions:
-        return "caution"
-    return "ok"
-
-
-def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool = True) -> list[Block]:
+def answer_blocks(result: Calibration, verdicts: Mapping[str, Verdict] = NO_VERDICTS, why: bool = True) -> list[Block]:
     """Return the headline, the verdict on a tolerance or the tolerance that X meets, and with ``why`` what limits X, or
     why it is not usable.
     """
-    blocks: list[Block] = [Answer(result.headline, status_of(result))]
-    if verdict is not None:
-        text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
-        blocks.append(Answer(text, verdict.status))
+    blocks: list[Block] = [Answer(result.headline, result.status)]
+    if verdicts:
+        blocks += verdict_blocks(result, verdicts)
     elif (suits := suits_of(result)) is not None:
         blocks.append(Paragraph(suits))
     if why:
@@ -226,7 +216,10 @@ def split_blocks(result: Calibration) -> list[Block]:
 
     From which pose on it moved, and by how much, is said by the finding (`rig.moved`).
     """
-    rows = [[one.frame, ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in result.split]
+    rows = [
+        [frame, ", ".join(numbers[:3]), *numbers[3:]]
+        for frame, *numbers in result.facts.rows({one.frame: one.name for one in result.split})
+    ]
     return [Table("", ["before and after the move", "x, y, z (mm)", "+- mm", "deg"], rows)] if rows else []
 
 
@@ -235,44 +228,3 @@ def matrix_block(T: Array, width: int = COLUMNS) -> Code:
     small = np.where(np.abs(T) < 5e-10, 0.0, T) + 0.0
     places = 9 if width >= 60 else 6
     return Code("", "\n".join(" ".join(f"{x:{places + 5}.{places}f}" for x in line) for line in small), "")
-
-
-def next_step(result: Calibration, report: str | None = None) -> str:
-    """Return the next step: for the finding of most effect that has one, else for the largest part of the uncertainty.
-
-    ``report`` is the name of the report that was written.
-    """
-    found = step_of_cautions(result)
-    if found is not None:
-        return found.replace("--report report.html", report) if report else found
-    if result.accuracy is not None and report is not None:
-        return f"open {report}"
-    return advice(result) or "add --report report.html for two pages to file"
-
-
-def advice(result: Calibration) -> str | None:
-    """Return what to do about the data or the noise, None where there is nothing."""
-    if (found := step_of_cautions(result)) is not None:
-        return found
-    if (accuracy := result.accuracy) is None:
-        return "give the noise: --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm"
-    return _about_largest(result, accuracy)
-
-
-def step_of_cautions(result: Calibration) -> str | None:
-    """Return the advice of the cautions, first of those that explain others."""
-    first = [finding for finding in result.cautions if finding.record.first]
-    return step_after([*first, *result.cautions])
-
-
-def _about_largest(result: Calibration, accuracy: Accuracy) -> str | None:
-    """Return what to do about the largest part of the accuracy."""
-    if not accuracy.parts:
-        return None
-    part, count = accuracy.parts[0], result.n_poses or result.n_pairs
-    if part.key.kind in (Kind.POSES, Kind.POSES_AND_TOUCHES) and count < MIN_POSES_TO_TAKE:
-        return "take more poses to reduce the noise: uq-handeye plan chooses them"
-    if part.key in DECLARE and any(error.key.error == part.key and error.default for error in result.shared):
-        option, sd = DECLARE[part.key]
-        return f"measure the {part.name}, which limits X, and declare how well: such as {option.format(sd)}"
-    return None

@@ -5,37 +5,34 @@ Terminal, ``-v``, notebook, live panel, report and certificate select from this 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
-from ...core.levels import CONTRADICTED, INTERVAL
-from ...core.presentation.document import Answer, Badge, Block, Document, Paragraph, Points, Table, document_of
+from ...core.levels import INTERVAL
+from ...core.presentation.document import COLUMNS, Answer, Block, Document, Paragraph, Points, Table, document_of
 from ...core.presentation.numbers import digits, probability
 from ...core.presentation.sections import Part, selected, text_of
 from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
-from ...findings import step_after
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
-from ..error_of_X import points_of, radius_95
 from ..rig_poses import RigPoses
-from ..tolerance import percent
-from .facts import numbers_of
+from ..tolerance import NO_VERDICTS, Verdict, percent
+from .answer import verdict_blocks
 
-# The headline is a caution where a larger share of the views is rejected.
-MAX_REJECTED_VIEWS = 0.1
 # Sections of the terminal, and of the text with all numbers.
 SCREEN = ("answer", "poses", "pairs", "checks")
 LONG = (*SCREEN, "views", "noise", "sizes", "paths", "largest", "numbers", "conventions")
 
 
-def rig_parts(result: RigPoses, verdicts: Sequence[Badge] = ()) -> tuple[Part, ...]:
+def rig_parts(result: RigPoses, verdicts: Sequence[Block] = ()) -> tuple[Part, ...]:
     """Return all sections of a `RigCalibration` in their order; ``verdicts``: whether cameras meet a tolerance."""
     return (
         Part("answer", "Result", lambda: _answer(result, verdicts)),
+        Part("next", "Next step", lambda: _next(result)),
         Part("poses", "Poses", lambda: [poses_table(result)]),
         Part("stated", "Poses", lambda: [stated_table(result, certified_poses(result))]),
         Part("pairs", "Relative poses of the cameras", lambda: _pairs(result)),
@@ -53,9 +50,18 @@ def rig_parts(result: RigPoses, verdicts: Sequence[Badge] = ()) -> tuple[Part, .
 
 
 @document_of.register(RigPoses)
-def rig_document(result: RigPoses, verbose: bool = False, verdicts: Sequence[Badge] = ()) -> Document:
-    """Return the text of a rig: answer, poses and checks; ``verbose``: all sections."""
-    return text_of(selected(rig_parts(result, verdicts), LONG if verbose else SCREEN), untitled=("answer",))
+def rig_document(
+    result: RigPoses,
+    verbose: bool = False,
+    threshold: float = 0.5,
+    verdicts: Mapping[str, Verdict] = NO_VERDICTS,
+    last: Sequence[str] = (),
+    width: int = COLUMNS,
+) -> Document:
+    """Return the text of a rig: answer, poses and checks; ``verbose``: all sections; options as of one camera."""
+    parts = rig_parts(result, verdict_blocks(result, verdicts))
+    below: list[Block] = [Paragraph(text, hang="  ") for text in last]
+    return [*text_of(selected(parts, LONG if verbose else SCREEN), untitled=("answer",)), *([below] if below else [])]
 
 
 FRAMES = (
@@ -64,43 +70,16 @@ FRAMES = (
 )
 
 
-def headline(result: RigPoses) -> tuple[str, str]:
-    """Return the headline of a rig, with its status: ok, caution or failed."""
-    if result.reasons:
-        short = {str(one): f"{one.phrase}." for one in result.findings}
-        return f"NOT USABLE: {short.get(result.reasons[0], result.reasons[0])}", "failed"
-    if len(result.open):
-        names = ", ".join(one.name for one in result.singles if len(one.open))
-        count = "1 direction" if len(result.open) == 1 else f"{len(result.open)} directions"
-        return f"Not determined: {count}, of {names}. The robot poses turn about too few axes.", "caution"
-    known = {name: one.sizes for name, one in result.cameras.items()}
-    shift = max(known, key=lambda name: known[name][1])
-    turn = max(sizes[0] for sizes in known.values())
-    least = f"{digits(MM_PER_M * known[shift][1], 2)} mm and {digits(DEG_PER_RAD * turn, 2)} deg"
-    count = "Both" if len(known) == 2 else f"All {len(known)}"
-    whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
-    text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
-    caution = any(finding.severity == "caution" for finding in result.findings)
-    caution = caution or result.p_value < CONTRADICTED.probability
-    return text, "caution" if caution or _many_rejected(result) else "ok"
-
-
-def _many_rejected(result: RigPoses) -> bool:
-    return len(result.rejected) > MAX_REJECTED_VIEWS * len(result.weights)
-
-
-def _answer(result: RigPoses, verdicts: Sequence[Badge]) -> list[Block]:
-    blocks: list[Block] = [Answer(*headline(result)), *verdicts]
-    if result.p_value < CONTRADICTED.probability:
-        blocks.append(Paragraph("The residuals are larger than the noise says: the errors are larger than stated."))
-    if _many_rejected(result):
-        blocks.append(Paragraph(f"{len(result.rejected)} of {len(result.weights)} views were rejected."))
+def _answer(result: RigPoses, verdicts: Sequence[Block]) -> list[Block]:
+    blocks: list[Block] = [Answer(result.headline, result.status), *verdicts, *map(Paragraph, result.doubts)]
     said = [Points.of_findings(result.findings)] if result.findings else []
     others = [reason for reason in result.reasons if reason not in map(str, result.findings)]
     lines = [*others, *result.rejected_words]
-    step = step_after([one for one in result.findings if one.severity != "note"])
-    after = [] if step is None else [Paragraph(f"Next: {step.rstrip('.')}.", hang="  ")]
-    return [*blocks, *said, *([Points(lines)] if lines else []), *after]
+    return [*blocks, *said, *([Points(lines)] if lines else [])]
+
+
+def _next(result: RigPoses) -> list[Block]:
+    return [] if result.advice is None else [Paragraph(f"Next: {result.advice}.", hang="  ")]
 
 
 def _checks(result: RigPoses) -> list[str]:
@@ -114,14 +93,12 @@ def _checks(result: RigPoses) -> list[str]:
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
-def _rows(poses: Sequence[EstimatedPose]) -> list[list[str]]:
-    return [[one.frame, *(f"{MM_PER_M * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
-
-
 def poses_table(result: RigPoses, more: Sequence[EstimatedPose] = ()) -> Table:
     """Return the poses, and ``more``, with the lengths of their errors; what moved before and after the move."""
     shown = [*(result.split or result.singles), *more]  # where a pose moved, that of all views together is neither
-    rows = [[*row, str(one.count or "")] for row, one in zip(_rows(shown), shown, strict=True)]
+    names = {one.name for one in result.split}
+    rows = result.facts.rows({one.frame: one.name if one.name in names else one.frame for one in shown})
+    rows = [[*row, str(one.count or "")] for row, one in zip(rows, shown, strict=True)]
     caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
     if result.split:
         caption += " What moved has a pose before and one after the move, NAME@MOMENT."
@@ -132,7 +109,7 @@ def _pairs(result: RigPoses) -> list[Block]:
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
     caption = "From the joint covariance: errors that both share cancel, which separate calibrations do not know."
-    return [Table(caption, _HEAD, _rows(result.pairs))]
+    return [Table(caption, _HEAD, result.facts.rows({frame: frame for frame in result.relative_poses}))]
 
 
 def _residuals(result: RigPoses) -> tuple[Graph, Array, Array]:
@@ -163,10 +140,7 @@ def _by_pair(result: RigPoses) -> Table:
 
 def noise_table(result: RigPoses) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
-    rows = [
-        [name, digits(MM_PER_M * sizes[1], 2), digits(DEG_PER_RAD * sizes[0], 2)]
-        for name, sizes in result.noise.items()
-    ]
+    rows = [[name, *(fact.short for fact in result.facts.select("noise", name))] for name in result.noise]
     how = "estimated from the views" if result.components else "as given"
     caption = f"Standard deviations of one pose per axis, {how}."
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
@@ -229,9 +203,7 @@ def _largest(result: RigPoses) -> Table:
 
 
 def _in_full(result: RigPoses) -> Table:
-    rows = [
-        [one.frame, *(fact.bare for fact in numbers_of(one.pose, one.covariance, one.open))] for one in result.every
-    ]
+    rows = [[one.frame, *(fact.bare for fact in result.facts.select("pose", one.frame))] for one in result.every]
     return Table(
         "Translation and rotation vector, with one standard deviation in brackets. Matrices and the joint covariance "
         "are in the result file.",
@@ -250,10 +222,9 @@ def stated_table(result: RigPoses, poses: Sequence[EstimatedPose]) -> Table:
     rows = []
     for one in poses:
         q = Rotation.from_matrix(one.pose[:3, :3]).as_quat()
-        shift, turn = expanded(result, one)
-        sizes = [digits(MM_PER_M * shift, 2) if np.isfinite(shift) else "open",
-                 digits(DEG_PER_RAD * turn, 2) if np.isfinite(turn) else "open"]  # fmt: skip
-        rows.append([one.frame, *(f"{MM_PER_M * x:.3f}" for x in one.pose[:3, 3]), *(f"{x:.6f}" for x in q), *sizes])
+        position = (fact.rounded(3) for fact in result.facts.select("pose", one.frame)[:3])
+        sizes = (fact.short_95 for fact in result.facts.select("error of pose", one.frame))
+        rows.append([one.frame, *position, *(f"{x:.6f}" for x in q), *sizes])
     caption = (
         f"Position, quaternion, and the length and angle U that {percent(INTERVAL.probability)} of the errors are "
         "within, from the joint covariance."
@@ -263,15 +234,3 @@ def stated_table(result: RigPoses, poses: Sequence[EstimatedPose]) -> Table:
 
 def _stated_pairs(result: RigPoses) -> list[Block]:
     return [stated_table(result, result.pairs)] if result.pairs else [Paragraph("None.")]
-
-
-def expanded(result: RigPoses, one: EstimatedPose) -> tuple[float, float]:
-    """Length (m) and angle (rad) that 95 % of the errors of position and rotation are within; infinite where open."""
-    if len(one.open):
-        opened = [float(np.abs(one.open[:, part]).max()) > 1e-9 for part in (slice(3, 6), slice(0, 3))]
-    else:
-        opened = [False, False]
-    xi = points_of(one.covariance, result.reference, None)
-    sizes = [radius_95(xi[:, 3:]), radius_95(xi[:, :3])]
-    shift, turn = (float("inf") if is_open else size for size, is_open in zip(sizes, opened, strict=True))
-    return shift, turn

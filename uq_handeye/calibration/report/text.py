@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
+from ...core.geometry.pose_numbers import quaternion_deviations
 from ...core.geometry.se3 import Array, difference
 from ...core.limits import MAX_LISTED
 from ...core.presentation.document import (
+    COLUMNS,
     Block,
     Caution,
     Checks,
@@ -27,10 +28,11 @@ from ...core.presentation.numbers import digits, pose_rows, row
 from ...core.presentation.sections import Part, selected
 from ...findings import Finding
 from ..result import Calibration
-from ..tolerance import Verdict
+from ..tolerance import NO_VERDICTS, Verdict
 from .analysis import beside_blocks, covariance_table, diagnosis_blocks
 from .arm import arm_blocks, arm_sentences
 from .budget import budget_table
+from .facts import Fact
 from .first_screen import (
     accuracy_blocks,
     answer_blocks,
@@ -56,14 +58,16 @@ NOTEBOOK = ("answer", "all-checks", "x")
 NOTEBOOK_FOLDED = ("cautions-in-full", "accuracy-in-full", "directions", "shared-errors")
 
 
-def calibration_parts(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> tuple[Part, ...]:
+def calibration_parts(
+    result: Calibration, threshold: float = 0.5, verdicts: Mapping[str, Verdict] = NO_VERDICTS
+) -> tuple[Part, ...]:
     """Return the sections of a calibration in their order, without those that only a page has.
 
     Correlations at or above ``threshold`` are listed.
     """
     count = len(result.cautions)
     return (
-        Part("answer", "Result", lambda: answer_blocks(result, verdict, why=False)),
+        Part("answer", "Result", lambda: answer_blocks(result, verdicts, why=False)),
         Part("accuracy", "Parts of the accuracy", lambda: accuracy_blocks(result)),
         Part("checks", "Checks", lambda: [checks_block(result)]),
         Part("all-checks", "Checks", lambda: [Checks.of(result.checks)]),
@@ -124,20 +128,28 @@ def blocks_of(result: Calibration, anchor: str) -> list[Block]:
 
 
 @document_of.register(Calibration)
-def calibration_document(result: Calibration, verbose: bool = False, threshold: float = 0.5) -> Document:
-    """Return the first screen, or with ``verbose`` the long text (`long_document`)."""
-    return long_document(result, threshold) if verbose else first_screen(result)
+def calibration_document(
+    result: Calibration,
+    verbose: bool = False,
+    threshold: float = 0.5,
+    verdicts: Mapping[str, Verdict] = NO_VERDICTS,
+    last: Sequence[str] = (),
+    width: int = COLUMNS,
+) -> Document:
+    """Return the first screen, or with ``verbose`` all: statement, cautions, X, noise, fit, poses, diagnostics.
 
-
-def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> Document:
-    """Return the long text: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X."""
-    first, *others = (section.blocks for section in selected(calibration_parts(result, threshold, verdict), LONG))
-    return [[Heading(title_of(result, 118)), *first], *others]
+    ``threshold``: correlations at or above it are listed. ``last``: paragraphs below the text.
+    """
+    if not verbose:
+        return first_screen(result, verdicts=verdicts, last=last, width=width)
+    first, *others = (section.blocks for section in selected(calibration_parts(result, threshold, verdicts), LONG))
+    below: list[Block] = [Paragraph(text, hang="  ") for text in last]
+    return [[Heading(title_of(result, 118)), *first], *others, *([below] if below else [])]
 
 
 def _numbers(result: Calibration, threshold: float) -> list[Block]:
     """X and its standard deviations, correlations and directions."""
-    numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
+    numbers: list[Block] = [_pose(result.facts.X)]
     if result.std is not None:
         turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
@@ -177,8 +189,7 @@ def _inverse(result: Calibration) -> list[Block]:
 def _target(result: Calibration) -> list[Block]:
     if result.W is None:
         return []
-    numbers = pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W))
-    return [Heading(f"{result.frame_W} (the target, from all poses)"), matrix_block(result.W), _lines(numbers)]
+    return [Heading(f"{result.frame_W} (the target, from all poses)"), matrix_block(result.W), _pose(result.facts.W)]
 
 
 def against_truth(result: Calibration, truth: Array) -> str:
@@ -192,6 +203,12 @@ def against_truth(result: Calibration, truth: Array) -> str:
         return f"{text}."
     inside = float(xi @ np.linalg.solve(result.covariance, xi)) <= result.quantile(0.95)
     return f"{text}, {'inside' if inside else 'outside'} its 95 % ellipsoid."
+
+
+def _pose(numbers: Sequence[Fact]) -> Code:
+    """Return the six numbers of a pose as two lines."""
+    sd = [one.sd for one in numbers if one.sd is not None]
+    return _lines(pose_rows(np.array([one.value for one in numbers]), np.array(sd) if sd else None))
 
 
 def _lines(lines: Sequence[str]) -> Code:

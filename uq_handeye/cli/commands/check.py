@@ -8,8 +8,6 @@ from ..exit_status import ExitStatus
 from ..messages import quiet, timed
 from ..new_poses import NewPoses
 from ..printing import shown
-from ..rigs import NEW_VIEWS, new_views
-from ..stored import refuse, stored_rig
 from .update import names_of
 
 if TYPE_CHECKING:
@@ -69,18 +67,15 @@ def check_command(
       * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
     """
     from ...calibration.evidence.same_things import THINGS
-    from ...calibration.result import Calibration
+    from ...calibration.load import load
     from ...core.presentation.document import Paragraph, document_of
     from ...use.maintenance.check import check
     from ...use.maintenance.log import log_check
 
-    if (rig := stored_rig(result)) is not None:
-        refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log")
-
-    stored: Any = rig or Calibration.from_json(result)
+    stored = load(result)
     if refused_as_not_usable(stored, result, "checked"):
         return ExitStatus.NOT_USABLE
-    poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
+    poses = files.read(stored, str(result))
     with timed("checking"):
         found = check(stored, poses, tolerance=wanted.tolerance, level=wanted.level, same=names_of(wanted.same, THINGS))
         series = None if wanted.log is None else log_check(wanted.log, stored, poses, found)
@@ -94,7 +89,7 @@ def check_command(
         if series is not None:
             from ...use.maintenance.series_figure import series_figure  # Matplotlib is slow to import
 
-            files["series"] = series_figure(series, "X" if rig is None else "move")
+            files["series"] = series_figure(series, "move" if stored.one_of_each is None else "X")
         return files
 
     deliver_answer(text, said, as_json, output, written)

@@ -41,7 +41,7 @@ def diff_command(
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for diff.json and diff.txt.
     """
-    from ...calibration.result import load
+    from ...calibration.load import load
     from ...use.maintenance.difference import difference, difference_document
 
     if cameras := chosen.each(old):

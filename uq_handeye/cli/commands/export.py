@@ -12,8 +12,7 @@ from ..printing import emit
 from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
-    from ...calibration.result import Calibration
-    from ...calibration.rig_result import RigCalibration
+    from ...calibration.load import Result
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
@@ -62,8 +61,8 @@ def export_command(
       --covariance-convention NAME <CONVENTION_NAMES>: Convention of the covariances in files of OpenCV and NPZ, e.g.
         gtsam. Default: toolkit.
     """
-    from ...calibration.result import Calibration, load
-    from ...calibration.rig_result import RigCalibration
+    from ...calibration.load import load
+    from ...calibration.result import Calibration
 
     require_writable(file, "FILE")
     if corrects is not None:
@@ -77,13 +76,6 @@ def export_command(
     if camera is not None or target is not None:
         return _write_one(stored, result, file, name, camera, target, covariance_convention)
     convention = one_of(covariance_convention or "toolkit", "--covariance-convention", CONVENTION_NAMES)
-    if isinstance(stored, RigCalibration):
-        if convention != "toolkit":
-            raise InputError("--covariance-convention: for the result of one camera, not of a rig. Remove it.")
-        if refused_as_not_usable(stored, result, "exported"):
-            return ExitStatus.NOT_USABLE
-        emit(f"Wrote {stored.export(file, name)}\n")
-        return 0
     if refused_as_not_usable(stored, result, "exported"):
         return ExitStatus.NOT_USABLE
     emit(f"Wrote {stored.export(file, name, covariance_convention=convention)}\n")
@@ -92,11 +84,11 @@ def export_command(
             "X is known in part. Not determined: %s. What was written holds one of all X that fit.",
             "; ".join(stored.open_words),
         )
-    return status_of(stored, None)
+    return status_of(stored)
 
 
 def _write_one(
-    stored: "Calibration | RigCalibration",
+    stored: "Result",
     result: Path,
     file: Path,
     format: str | None,

@@ -187,7 +187,7 @@ def _deliver(folder: Path) -> "Callable[[Answer], Path]":
 
     def deliver(answer: "Answer") -> Path:
         assert answer.result is not None
-        Outputs(folder / "report.html", no_compare=True, output=folder).write(answer.result, answer.verdict)
+        Outputs(folder / "report.html", no_compare=True, output=folder).write(answer.result, answer.verdicts)
         return folder
 
     return deliver

@@ -14,12 +14,10 @@ from ..names import CONTROLLER_NAMES
 from ..noise import Given, given_of, require_of_poses
 from ..options import names_of_options
 from ..pose_files import PoseFiles
-from ..stored import OneOfRig, is_result, refuse, stored_rig
+from ..stored import OneOfRig, is_result, refuse
 from ..values import one_of
 
 if TYPE_CHECKING:
-    from ...calibration.result import Calibration
-    from ...calibration.rig_result import RigCalibration
     from ...use.planning.result import Plan
 
 # The poses to take, in the folder of -o.
@@ -142,8 +140,7 @@ def plan_command(
         names one.
     """
     if files.robot is not None and is_result(files.robot):
-        rig = stored_rig(files.robot) if chosen == OneOfRig() else None
-        return _plan_of_result(rig or chosen.read(files.robot), planning, form, as_json, output)
+        return _plan_of_result(files.robot, chosen, planning, form, as_json, output)
     if chosen != OneOfRig():
         raise InputError("--camera and --target need the result of a rig in place of ROBOT. Remove them.")
     from ...calibration.findings import check_input
@@ -191,33 +188,27 @@ def _not_usable(name: object, contradictions: tuple[str, ...]) -> int:
 
 
 def _plan_of_result(
-    stored: "Calibration | RigCalibration", planning: Planning, form: str | None, as_json: bool, output: Path | None
+    file: Path, chosen: OneOfRig, planning: Planning, form: str | None, as_json: bool, output: Path | None
 ) -> int:
-    """Plan from the posterior of a stored result."""
-    from ...calibration.rig_result import RigCalibration
-    from ...read.rig.pose_rows import read_rows
+    """Plan from the posterior of a stored result: of all cameras together, or of the one that was chosen."""
+    from ...calibration.load import load
     from ...read.robot_poses import read_robot_poses
     from ...use.planning.plan import plan
 
     refuse("--as", *names_of_options(Planning), what="a stored result")
     planning.require_possible(None)
+    stored = load(file)
     if stored.contradictions:
-        return _not_usable("The result", stored.contradictions)
+        return _not_usable(file, stored.contradictions)
+    known = stored if chosen == OneOfRig() else chosen.of(stored, file)
     rows: Any = None
-    if planning.candidates is not None and isinstance(stored, RigCalibration):
-        arm, *others = stored.rig.arms
+    if planning.candidates is not None:
+        arm, *others = known.arms
         if others:
             raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
-        rows = {arm: read_rows(planning.candidates, "robot").poses}
-    elif planning.candidates is not None:
-        rows = read_robot_poses(planning.candidates, None)[1]
+        rows = {arm: read_robot_poses(planning.candidates, None)[1]}
     with timed("planning"):
-        found = plan(
-            stored,
-            rows,
-            planning.k,
-            **planning.of_plan,
-        )
+        found = plan(known, rows, planning.k, **planning.of_plan)
     return _deliver(found, form, as_json, output)
 
 

@@ -9,8 +9,7 @@ from ...core.limits import MAX_PRINTED_ROWS
 from ...errors import InputError
 from ..delivery import deliver_answer, refused_as_not_usable
 from ..exit_status import ExitStatus
-from ..rigs import predict_into
-from ..stored import OneOfRig, run_each
+from ..stored import OneOfRig, refuse, run_each
 from ..values import coordinates
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ class PredictOptions(NamedTuple):
     def require_possible(self, at: Places, setup: str | None) -> None:
         """Raise `InputError` for options that are impossible or exclude each other."""
         if self.into is not None:
-            raise InputError("--into is for the result of a rig. Remove it.")
+            raise InputError("--into is for the result of several cameras. Remove it.")
         of_task = {"--at": self.at, "--pixel-noise": self.pixel_noise}
         if self.length is not None:
             if missing := [name for name, value in of_task.items() if value is None]:
@@ -141,14 +140,14 @@ def predict_command(
     """
     import numpy as np
 
-    from ...calibration.result import Calibration, load
+    from ...calibration.load import load
     from ...read import json_text
 
     found: Any = load(result)
     if refused_as_not_usable(found, result, "predicted"):
         return ExitStatus.NOT_USABLE
-    if wanted.into is not None and not isinstance(found, Calibration):
-        predict_into(found, wanted, places.robot, as_json, output)
+    if wanted.into is not None and len(found.camera_names) > 1:
+        _predict_into(found, wanted, places.robot, as_json, output)
         return ExitStatus.DONE
     if cameras := OneOfRig(wanted.of, wanted.of_target).each(result, "--of"):
         return run_each(
@@ -320,3 +319,30 @@ def _more(n: int) -> "list[Paragraph]":
 
 def _mm(values: "Array") -> list[str]:
     return [f"{1e3 * value:.3f}" for value in values]
+
+
+def _predict_into(stored: Any, asked: Any, robot: Path | None, as_json: bool, output: Path | None) -> None:
+    """Predict points of one camera of a rig in the frame of another, for ``predict``."""
+    import numpy as np
+
+    from ...read import json_text
+    from ...read.rig.pose_rows import read_rows
+
+    refuse("--of", "--into", "--point", "--robot", "--units", "--format")
+    camera, point = asked.of, asked.point
+    if camera is None or not point:
+        raise InputError("--into needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")
+    arms = list(stored.rig.arms)
+    if robot is not None and len(arms) > 1:
+        raise InputError("--robot: the rig has several arms; predict in Python with the poses of each.")
+    at = None if robot is None else {arms[0]: read_rows(robot, "robot").poses}
+    points = np.array([coordinates(text, "--point") for text in point])
+    found = stored.predict(camera, points, at, asked.into)
+    data = json_text(found.to_dict())
+    head = " ".join([*(f"{name:>11}" for name in "xyz"), *(f"{f'sd {name}':>8}" for name in "xyz")])
+    lines = [f"Points of {camera} in the frame {found.frame}", f"{'row':>4} {'point':>5} {head}  (mm)"]
+    for i in range(len(found.points)):
+        for j, (x, sd) in enumerate(zip(1e3 * found.points[i], 1e3 * found.std[i], strict=True)):
+            numbers = " ".join([*(f"{value:>11.3f}" for value in x), *(f"{value:>8.3f}" for value in sd)])
+            lines.append(f"{i:>4} {j:>5} {numbers}")
+    deliver_answer(data, "\n".join(lines) + "\n", as_json, output, lambda: {"predictions.json": data})

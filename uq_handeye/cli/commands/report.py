@@ -5,25 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from ...core.files.about import read_about
 from ...core.progress import working
-from ..delivery import (
-    REPORTS,
-    Outputs,
-    ReportOptions,
-    emit_answer,
-    emit_result,
-    report_options_of,
-    status_of,
-    tolerance_of,
-)
+from ..delivery import REPORTS, ReportOptions, emit_answer, emit_result, report_options_of, status_of, tolerance_of
 from ..exit_status import ExitStatus
 from ..messages import progress_wanted, quiet, timed
 from ..names import PAPERS
-from ..printing import emit, emit_document
+from ..printing import emit_document
 from ..values import one_of, require_writable
 
 if TYPE_CHECKING:
-    from ...calibration.result import Calibration
-    from ...calibration.rig_result import RigCalibration
+    from ...calibration.load import Result
     from ...calibration.tolerance import Tolerance
 
 
@@ -60,30 +50,25 @@ def report_command(
       --certificate: Certificate in place of the report: measurand, result, uncertainty budget, conditions,
         traceability and validity, without the comparison of methods.
     """
-    from ...calibration.result import load
-    from ...calibration.rig_result import RigCalibration
+    from ...calibration.load import load
 
     require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
     stored = load(result)
     if certificate:
         return _deliver_certificate(stored, file, tolerance, wishes.about, wishes.paper)
-    if isinstance(stored, RigCalibration):
-        from ..rigs import deliver_rig
-
-        return deliver_rig(stored, wishes, tolerance, Outputs(file))
-    verdict = None if tolerance is None else stored.verdict(tolerance)
+    verdicts = stored.verdicts(tolerance)
     if file is None:
-        return emit_result(stored, verdict)
+        return emit_result(stored, verdicts)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         written = stored.report(
             file,
             comparison=not no_compare,
             about=wishes.about,
-            verdict=verdict,
+            verdict=verdicts,
             details=wishes.details,
             paper=wishes.paper,
         )
-    return emit_answer(stored, verdict, f"Wrote {written}")
+    return emit_answer(stored, verdicts, f"Wrote {written}")
 
 
 def certificate_command(
@@ -109,7 +94,7 @@ def certificate_command(
     Arguments:
       FILE: Certificate to write, .html, .pdf or .json. Default: none, print the headline only.
     """
-    from ...calibration.result import load
+    from ...calibration.load import load
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)
@@ -117,36 +102,29 @@ def certificate_command(
 
 
 def _deliver_certificate(
-    stored: "Calibration | RigCalibration",
+    stored: "Result",
     file: Path | None,
     tolerance: "Tolerance | None",
     about: dict[str, str],
     paper: str,
 ) -> int:
     """Write a certificate, print its headline, and return the exit status."""
-    from ...calibration.report.first_screen import status_of as colour_of
+    from ...calibration.report.answer import verdict_blocks
     from ...core.presentation.document import Answer, Paragraph
     from ...report.certificate import make_certificate
-    from ...report.rig_certificate import RigCertificate
+    from ...report.certificate_sheets import NOT_CERTIFIED
 
     found = make_certificate(stored, tolerance=tolerance, about=about)
     written = ""
     if file is not None:
         with timed(f"writing {file}"):
             written = f"Wrote {found.write(file, paper=paper)}"
-    if isinstance(found, RigCertificate):
-        lines = [*found.refusals, *(f"{name}: {verdict}" for name, verdict in found.verdicts.items())]
-        head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
-        emit("" if quiet() else "\n".join([head, *lines]) + "\n")
-        missed = any(not verdict.passed for verdict in found.verdicts.values())
-        return ExitStatus.NOT_USABLE if not found.certified else ExitStatus.NOT_PASSED if missed else ExitStatus.DONE
-    verdict = None if found.decision is None else found.decision.verdict
+    result, verdicts = found.result, {name: one.verdict for name, one in found.decisions.items()}
     if not quiet():
-        blocks = [Answer(found.result.headline, colour_of(found.result))]
+        blocks = [Answer(result.headline, result.status), *verdict_blocks(result, verdicts)]
         if not found.certified:
-            blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
-        elif verdict is not None:
-            blocks.append(Answer(str(verdict), verdict.status))
+            blocks = [Answer(f"{NOT_CERTIFIED}. {result.headline}", "failed")]
+            blocks += [Paragraph(reason, hang="  ") for reason in found.refusals if reason not in result.headline]
         number = f"Certificate {found.identifier}."
         emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
-    return status_of(found.result, verdict) if found.certified else ExitStatus.NOT_USABLE
+    return status_of(result, *verdicts.values()) if found.certified else ExitStatus.NOT_USABLE

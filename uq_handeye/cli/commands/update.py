@@ -17,8 +17,6 @@ from ..delivery import (
 )
 from ..messages import timed, withheld
 from ..new_poses import NewPoses
-from ..rigs import NEW_VIEWS, deliver_rig, new_views
-from ..stored import refuse, stored_rig
 
 if TYPE_CHECKING:
     from ...calibration.tolerance import Tolerance
@@ -53,20 +51,16 @@ def update_command(
       * --although-changed: Update even if the new poses contradict the result.
       * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
     """
-    if (rig := stored_rig(result)) is not None:
-        refuse(
-            *NEW_VIEWS, "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at"
-        )
     outputs.require_possible()
     from ...calibration.evidence.same_things import THINGS
-    from ...calibration.result import Calibration
+    from ...calibration.load import load
     from ...use.maintenance.update import gain, update
 
     with _held_if_replaced(result, outputs.output):
-        stored: Any = rig or Calibration.from_json(result)
-        if rig is None and wishes.about and files.nothing:
+        stored: Any = load(result)
+        if wishes.about and files.nothing:
             return deliver_result(replace(stored, about=stored.about | wishes.about), outputs, tolerance, wishes)
-        poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
+        poses = files.read(stored, str(result))
         with withheld() as said:
             try:
                 with timed("updating"):
@@ -75,10 +69,8 @@ def update_command(
                 said += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, outputs.as_json, said)
-        if rig is not None:
-            return deliver_rig(found, wishes, tolerance, outputs)
         found = replace(found, about=found.about | wishes.about)
-        return deliver_result(found, outputs, tolerance, wishes, more=gain(stored, found, poses.n))
+        return deliver_result(found, outputs, tolerance, wishes, more=gain(stored, found))
 
 
 def names_of(same: list[str] | None, otherwise: tuple[str, ...]) -> str | tuple[str, ...]:

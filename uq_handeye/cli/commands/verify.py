@@ -82,17 +82,14 @@ def verify_command(
 
 def _by_cameras(result: Path, camera_poses: Path, touching: TouchOptions, as_json: bool, output: Path | None) -> int:
     """Compare the relative poses of a rig with those of another program."""
+    from ...calibration.load import load
     from ...core.presentation.units import LENGTH_UNITS
     from ...read.camera_poses import read_camera_poses
     from ...use.verification.verify_cameras import verify_cameras
-    from ..stored import stored_rig
 
-    rig = stored_rig(result)
-    if rig is None:
-        raise InputError(f"--camera-poses: {result} is the result of one camera. Give that of a rig.")
     text = touching.units
     unit = LENGTH_UNITS[text] if text in UNITS else metres(text, "--units")
-    found = verify_cameras(rig, read_camera_poses(camera_poses), unit)
+    found = verify_cameras(load(result), read_camera_poses(camera_poses), unit)
     return _deliver(found, as_json, output, {})
 
 

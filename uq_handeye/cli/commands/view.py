@@ -16,9 +16,9 @@ def view_command(result: Path, page: PageOptions, touched: TouchesToUse) -> int:
 
     Ctrl-C ends the page.
     """
-    from ...calibration.result import load
+    from ...calibration.load import load
     from ...use.live_session.view import view_page
 
     shown = load(result)
-    touches = touched.read(getattr(shown, "kinematics", None))
+    touches = touched.read(shown.kinematics)
     return _stay(view_page(shown, page.host, page.port, touches), page)

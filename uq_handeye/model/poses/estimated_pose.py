@@ -10,7 +10,6 @@ import numpy as np
 from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of, damaged
 from ...core.geometry.se3 import Array
-from ...core.presentation.numbers import digits
 from ...core.read_only import ReadOnlyArrays
 
 NO_ROWS = np.zeros((0, 6))
@@ -57,13 +56,6 @@ class EstimatedPose(ReadOnlyArrays):
         """Root mean square length of the error: of the rotation (rad) and of the translation (m)."""
         variances = self.std**2
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
-
-    @property
-    def said(self) -> tuple[str, str]:
-        """Text of the standard deviations: of the translation in mm and of the rotation in deg, or open."""
-        turn, shift = self.sizes
-        mm, deg = (digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn))))
-        return mm, deg
 
     @classmethod
     def from_dict(cls, data: Any) -> EstimatedPose:

@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import singledispatch
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from ...calibration.calibrate import calibrate
 from ...calibration.checks import Check
 from ...calibration.evidence.new_poses import poses_less_shared_errors
 from ...calibration.result import Calibration
+from ...calibration.rig_poses import RigPoses
 from ...core.geometry.frames import SETUPS
 from ...core.progress import progress_bar
 from ...errors import (
@@ -55,7 +57,7 @@ from ...model.shared_errors.shared_error import SharedError
 from .result import CHI2_95, Comparison, Row, against, squared_distance
 
 if TYPE_CHECKING:
-    from ...calibration.result import Calibration
+    from ...calibration.rig_poses import RigPoses
 
 # Pairs of poses, spread evenly, on which a report compares the methods.
 COMPARED_PAIRS = 4_000
@@ -417,6 +419,7 @@ class Compared(NamedTuple):
     note: str  # on the data that were compared
 
 
+@singledispatch
 def compare_result(result: Calibration) -> Compared:
     """All published methods on the data of the result, without the poses that it rejected; its X is the reference.
 
@@ -461,3 +464,8 @@ def compare_result(result: Calibration) -> Compared:
         work = Work(motions, noise, estimated, available, explained_motions(result, motions))
         found = compare_rows(names, work, {base.method: base}, base.method, timed=False)
     return Compared(found, "", note)
+
+
+@compare_result.register
+def _of_rig(result: RigPoses) -> Compared:
+    return Compared(None, "Not compared: the published methods solve one A X = X B, of one camera.", "")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ...calibration.report.first_screen import checks_block, status_of
+from ...calibration.report.first_screen import checks_block
 from ...core.geometry.se3 import Array
 from ...core.limits import MIN_POSES
 from ...core.presentation.html import macros
@@ -26,7 +26,7 @@ MAX_ROWS_SHOWN = 1000
 def _macros() -> Any:
     style = resources.files(__package__ or "").joinpath("panel.css").read_text(encoding="utf-8")
     return macros(
-        __package__, "panel.html.j2", checks_block=checks_block, status_of=status_of,
+        __package__, "panel.html.j2", checks_block=checks_block,
         digits=digits, FEWEST=MIN_POSES, style=Markup(f"<style>\n{style}</style>"), log10=np.log10, degrees=np.degrees,
         isfinite=np.isfinite, is_remedied=is_remedied,
     )  # fmt: skip

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.evidence.touches import Touches
-from ...calibration.of_camera import of_camera
-from ...calibration.result import Calibration, load
+from ...calibration.load import load
+from ...calibration.result import Calibration
 from ...errors import InputError, InputWarning
 from ...model.camera.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
@@ -207,10 +207,10 @@ class Page(BrowserPage):
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
             stored, new = load(path), poses.rows(np.array(kept, dtype=np.intp))
-            of = {"": stored} if isinstance(stored, Calibration) else {
-                f"{name}:\n": of_camera(stored, name) for name in stored.rig.cameras
-            }  # fmt: skip
-            text = "\n".join(f"{name}{check(one, new).summary()}" for name, one in of.items())
+            cameras = stored.camera_names
+            heads = {name: f"{name}:\n" if len(cameras) > 1 else "" for name in cameras}
+            found = (f"{head}{check(stored.of_camera(name), new).summary()}" for name, head in heads.items())
+            text = "\n".join(found)
         self._said.content = panel("preformatted", text)
 
     def _finish(self, client: viser.ClientHandle | None) -> None:

@@ -129,6 +129,11 @@ class Answer:
         return remedies_of(self.findings, [k for k in range(self.n) if k not in self.left_out])
 
     @property
+    def verdicts(self) -> dict[str, Verdict]:
+        """The verdict by the name of the camera; none without a tolerance."""
+        return {} if self.result is None or self.verdict is None else {self.result.names.camera: self.verdict}
+
+    @property
     def size(self) -> float | None:
         """Standard uncertainty (m) of a point at the distance of the target; None where X is not usable."""
         result = self.result

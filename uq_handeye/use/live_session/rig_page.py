@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...calibration.report.rig_sections import headline, poses_table
+from ...calibration.report.rig_sections import poses_table
 from ...calibration.rig_result import RigCalibration
 from ...core.geometry.se3 import Array
 from ...core.presentation.colours import AMBER, BLUE, GREEN, ORANGE, PURPLE, SKY, rgb
-from ...core.presentation.numbers import digits
 from ...core.rounding import EPS
 from ...model.rig.description import WORLD
 from .browser_page import BrowserPage
@@ -78,8 +77,8 @@ class RigScene:
                 self.nodes.camera(
                     f"/cameras/{name}", T, 1.6 * FRUSTUM * distance, PALETTE[k % len(PALETTE)], filled=True
                 )
-                size = one.sizes[1]
-                said = f"{name}: {digits(1e3 * size, 2)} mm" if np.isfinite(size) else f"{name}: not determined"
+                size, (shift, _) = one.sizes[1], result.facts.select("error of pose", one.frame)
+                said = f"{name}: {shift.short} {shift.unit}" if np.isfinite(size) else f"{name}: not determined"
                 self.nodes.label(f"/cameras/{name}/name", said, np.eye(4), ANCHORS[k % len(ANCHORS)])
                 R, S = at[place][:3, :3], one.covariance[3:, 3:]
                 if np.isfinite(size):
@@ -113,7 +112,7 @@ class RigPage(BrowserPage):
         super().__init__(host, port)
         self.result = result
         words = f"Rig of {result.rig.words}"
-        self._gui.add_html(panel("rig", words, headline(result), poses_table(result, result.pairs), COLUMNS_OF_POSES))
+        self._gui.add_html(panel("result", result, words, poses_table(result, result.pairs), COLUMNS_OF_POSES))
         self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1

@@ -6,6 +6,7 @@ eye-to-hand ``X^-1 p``), where `Calibration.predict` gives its covariance. The r
 
 from __future__ import annotations
 
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +26,21 @@ from .scene import Extras, Scene, scene_of, touched
 from .server import HOST, PORT
 
 
+@singledispatch
 def view_page(
-    result: Calibration | RigCalibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
+    result: Calibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
 ) -> BrowserPage:
-    """Return the page of a result, of one camera or of a rig."""
-    if isinstance(result, RigCalibration):
-        if touches is not None:
-            raise InputError("Touches are shown with the result of one camera, not with that of a rig.")
-        return RigPage(result, host, port)
+    """Return the page of a result, of one camera or of several."""
     return ViewPage(result, host, port, touches)
+
+
+@view_page.register
+def _of_rig(
+    result: RigCalibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
+) -> BrowserPage:
+    if touches is not None:
+        raise InputError("Touches are shown with the result of one camera, not with that of a rig.")
+    return RigPage(result, host, port)
 
 
 class ViewPage(BrowserPage):

@@ -8,8 +8,9 @@ causes (`causes`), and its size.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from functools import singledispatch
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +33,6 @@ from ...model.errors.joint_covariance import Index
 from ...model.errors.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import Rig, require_left_out
-from ...model.rig.single import poses_like
 from . import check_text as check_text  # registers the text of a result
 from .causes import (
     CAMERA_MOVED,
@@ -109,35 +109,81 @@ def check(
     'unchanged'
     """
     accepted = None if tolerance is None else Tolerance.read(tolerance)
-    if isinstance(result, RigPoses):
-        require_left_out("of a rig", noise=noise, joints=joints)
-        if not isinstance(poses, Rig):
-            raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(poses).__name__}.")
-        return _of_views(result, poses, level, accepted, None if same is THINGS else same)
-    if isinstance(poses, Rig):
-        poses = poses_like(poses, result.names)
-    evidence = evidence_of_poses(result, poses, noise, joints, same)
-    _require_new(result, poses)
-    columns = columns_of_causes(evidence, poses.setup)
-    axes = {CAMERA_MOVED: result.X[:3, :3], TARGET_MOVED: np.eye(3) if result.W is None else result.W[:3, :3]}
-    found = judged(_compared_poses(evidence, poses, columns, axes), level)
-    limits, so_far = _limits(accepted, [poses.camera]), poses_so_far(result)
+    new = compared_with(result, result.new_measurements(poses), Asked(noise, joints, same))
+    found = judged(new.compared, level)
+    limits = _limits(accepted, new.seen)
     if found.contradicted:
-        status, findings = _of_change(result, poses, evidence, found, (noise, joints, same))
+        status, findings = new.of_change(found)
     else:
-        coarse = _coarse([one for one in found.moves if one.name == CAMERA_MOVED], limits, accepted is not None)
+        coarse = _coarse([one for one in found.moves if one.name in new.cameras], limits, accepted is not None)
         status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
-        if found.p_value > 1 - DOUBTFUL.probability and any(
-            one.accuracy is not None and one.default for one in result.shared
-        ):
+        if found.p_value > 1 - DOUBTFUL.probability and new.assumed_accuracy:
             findings.append(Finding("maintenance.overstated", "note"))
-    reference = evidence.test.reference
     return ChangeCheck(
-        status, found.p_value, evidence.d2, evidence.dof, _noise_dof(reference), level, found.moves, found.causes,
-        distances(evidence), tuple(findings), poses.n, None if so_far is None else so_far.n,
-        {f"{result.names.camera}, {result.names.target}": found.p_value}, (), limits, poses.setup,
-        None if accepted is None else str(accepted),
+        status, found.p_value, new.compared.rows.d2, new.compared.dof, _noise_dof(new.compared.reference(None)), level,
+        found.moves, found.causes, new.distances, tuple(findings), new.count, new.count_before,
+        new.of_pairs(found.p_value), new.unseen, limits, new.setup, None if accepted is None else str(accepted),
+        new.focal_length_px,
+    )  # fmt: skip
+
+
+class Asked(NamedTuple):
+    """Arguments of `check` on the new measurements."""
+
+    noise: PoseNoise | None
+    joints: ArrayLike | None
+    same: Iterable[str] | str
+
+
+class NewMeasurements(NamedTuple):
+    """New measurements compared with a result, and what the answer says of them."""
+
+    compared: Compared
+    seen: Sequence[Array]  # (n, 4, 4) camera poses of each view
+    cameras: Collection[str]  # names of the moves that are of cameras
+    of_change: Callable[[Judged], tuple[str, list[Finding]]]  # status and findings where they contradict the result
+    of_pairs: Callable[[float], dict[str, float]]  # p-value of each camera and target, by that of all
+    distances: Array  # (n,) squared, of each pose or view
+    count: int
+    count_before: int | None  # of the calibration
+    unseen: tuple[str, ...] = ()
+    assumed_accuracy: bool = False  # whether an accuracy of the robot is assumed
+    setup: str | None = None
+    focal_length_px: float | None = None
+
+
+@singledispatch
+def compared_with(result: Estimated, poses: PosePairs, asked: Asked) -> NewMeasurements:
+    """Compare new measurements with a result: poses of one camera, or views of several."""
+    evidence = evidence_of_poses(result, poses, *asked)
+    _require_new(result, poses)
+    columns, so_far = columns_of_causes(evidence, poses.setup), poses_so_far(result)
+    axes = {CAMERA_MOVED: result.X[:3, :3], TARGET_MOVED: np.eye(3) if result.W is None else result.W[:3, :3]}
+    pair = f"{result.names.camera}, {result.names.target}"
+    return NewMeasurements(
+        _compared_poses(evidence, poses, columns, axes), [poses.camera], {CAMERA_MOVED},
+        lambda found: _of_change(result, poses, evidence, found, asked), lambda p: {pair: p}, distances(evidence),
+        poses.n, None if so_far is None else so_far.n, (),
+        any(one.accuracy is not None and one.default for one in result.shared), poses.setup,
         next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
+    )  # fmt: skip
+
+
+@compared_with.register
+def _of_views(result: RigPoses, rig: Rig, asked: Asked) -> NewMeasurements:
+    require_left_out("of a rig", noise=asked.noise, joints=asked.joints)
+    compared, evidence, moments = compared_views(result, rig, None if asked.same is THINGS else asked.same)
+    pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
+
+    def of_change(found: Judged) -> tuple[str, list[Finding]]:
+        return _named_change(found, evidence.graph.E, None if found.later is None else moments[found.later[1].begin])
+
+    return NewMeasurements(
+        compared, [view.poses for view in rig.views], result.rig.cameras, of_change,
+        lambda _: {f"{camera}, {target}": p_of_pair(evidence, rig, camera, target) for camera, target in pairs},
+        np.bincount(evidence.edges, compared.rows.r[:, 0] ** 2, evidence.graph.E).astype(float),
+        evidence.graph.E, result.rig.n_views,
+        tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in compared.moved),
     )  # fmt: skip
 
 
@@ -164,38 +210,14 @@ def _compared_poses(
     return Compared(evidence, evidence.dof, reference, moved, causes, moment)
 
 
-def _of_views(
-    result: RigPoses, rig: Rig, level: float, accepted: Tolerance | None, same: Iterable[str] | str | None
-) -> ChangeCheck:
-    """Check a rig by new views."""
-    compared, evidence, moments = compared_views(result, rig, same)
-    found = judged(compared, level)
-    limits = _limits(accepted, [view.poses for view in rig.views])
-    if found.contradicted:
-        step = None if found.later is None else moments[found.later[1].begin]
-        status, findings = _named_change(found, evidence.graph.E, step)
-    else:
-        coarse = _coarse([one for one in found.moves if one.name in result.rig.cameras], limits, accepted is not None)
-        status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
-    pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
-    views = {f"{camera}, {target}": p_of_pair(evidence, rig, camera, target) for camera, target in pairs}
-    unseen = tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in compared.moved)
-    far = np.bincount(evidence.edges, compared.rows.r[:, 0] ** 2, evidence.graph.E).astype(float)
-    return ChangeCheck(
-        status, found.p_value, compared.rows.d2, compared.dof, _noise_dof(compared.reference(None)), level, found.moves,
-        found.causes, far, tuple(findings), evidence.graph.E, result.rig.n_views, views, unseen, limits,
-        tolerance=None if accepted is None else str(accepted),
-    )  # fmt: skip
-
-
 def _of_change(
     result: Estimated,
     poses: PosePairs,
     evidence: PoseEvidence,
     found: Judged,
-    asked: tuple[PoseNoise | None, ArrayLike | None, Iterable[str] | str],
+    asked: Asked,
 ) -> tuple[str, list[Finding]]:
-    """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
+    """Status and findings of poses that contradict the calibration."""
     noise, joints, same = asked
     assert result.W is not None
     if others := _others(result, poses, joints):

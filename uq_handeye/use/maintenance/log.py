@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import csv
 import datetime
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...calibration.result import Calibration
-from ...calibration.rig_result import RigCalibration
+from ...calibration.stored_result import StoredResult
 from ...core.files.atomic import write_atomically
 from ...core.files.csv_text import csv_text, plain_text
 from ...core.files.locks import held
@@ -121,22 +119,9 @@ class CheckSeries:
         return [*found, f"{more} more lines of the log were skipped."] if more else found
 
 
-def hash_of_result(result: Calibration | RigCalibration) -> str:
-    """Return 16 hexadecimal digits that identify all poses, their covariance and the setup."""
-    parts: tuple[Array | None, ...]
-    if isinstance(result, RigCalibration):
-        kind, parts = "rig", (result.poses, result.covariance)
-    else:
-        kind, parts = str(result.setup), (result.X, result.W, result.covariance)
-    digest = hashlib.sha256(kind.encode())
-    for part in parts:
-        digest.update(b"-" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
-    return digest.hexdigest()[:16]
-
-
 def log_check(
     path: StrPath,
-    result: Calibration | RigCalibration,
+    result: StoredResult,
     poses: PosePairs | Rig,
     check: ChangeCheck,
     *,
@@ -167,7 +152,7 @@ def log_check(
     at = now if time is None else _checked_time(time)
     count = sum(len(view.poses) for view in poses.views) if isinstance(poses, Rig) else poses.n
     cause, shift, std = _cause_and_shift(check)
-    own = hash_of_result(result)
+    own = result.digest
     line = LoggedCheck(at, count, check.d2, check.dof, check.p_value, check.status, cause, shift, std, own).line()
     logged = _checks_of([line])[0][0]  # as it will be read
     with held(target):  # from reading to writing: no line of another process is lost
@@ -186,7 +171,7 @@ def log_check(
     return CheckSeries((*series.checks, logged), series.damaged)
 
 
-def read_checks(path: StrPath, result: Calibration | RigCalibration | None = None) -> CheckSeries:
+def read_checks(path: StrPath, result: StoredResult | None = None) -> CheckSeries:
     """Read a log; lines that are damaged are named in ``damaged``.
 
     Raises
@@ -195,7 +180,7 @@ def read_checks(path: StrPath, result: Calibration | RigCalibration | None = Non
         No such file, no log of checks, checks of several calibrations, or of another one than ``result``.
     """
     series = _series(_read(path), path)
-    if result is not None and series.result not in (None, own := hash_of_result(result)):
+    if result is not None and series.result not in (None, own := result.digest):
         raise InputError(_another(path, series.result, own))
     return series
 

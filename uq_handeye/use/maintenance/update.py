@@ -22,7 +22,8 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, overload
+from functools import singledispatch
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,15 +35,16 @@ from ...calibration.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.same_things import TARGET, THINGS, checked_things, others_by_pictures
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
+from ...calibration.load import Result
 from ...calibration.moves import DRIFTS, MOVED
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
+from ...calibration.stored_result import StoredResult
 from ...core.files.json_values import Json, JsonObject
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
 from ...core.levels import UNUSUAL
-from ...core.presentation.numbers import digits
 from ...errors import InputError, InputWarning, NotConvergedError, require_type
 from ...findings import Finding
 from ...fit.graph.rows import NewRows
@@ -51,7 +53,6 @@ from ...model.errors.models import PoseNoise
 from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import Rig, require_left_out
-from ...model.rig.single import poses_like
 from .check import check
 from .check_text import refusal_of_update
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
@@ -115,13 +116,35 @@ def update(  # type: ignore[misc]
     >>> both.n_poses, bool((both.std < 1.2 * first.std).all())
     (24, True)
     """
-    if isinstance(result, RigCalibration):
-        require_left_out("of a rig", noise=noise, joints=joints, same=None if same is THINGS else same)
-        return update_rig(result, poses, although_changed=although_changed)
-    require_type("result", result, Calibration, "a Calibration")
-    if isinstance(poses, Rig):
-        poses = poses_like(poses, result.names)
-    require_type("poses", poses, PosePairs, "PosePairs")
+    require_type("result", result, StoredResult, "a Calibration")
+    return updated(result, result.new_measurements(poses), Added(noise, joints, although_changed, same))
+
+
+class Added(NamedTuple):
+    """Arguments of `update` on the new measurements."""
+
+    noise: PoseNoise | None
+    joints: ArrayLike | None
+    although_changed: bool
+    same: Iterable[str] | str
+
+
+@singledispatch
+def updated(result: Any, poses: Any, added: Added) -> Any:
+    """Return the calibration of what a result was made of and new measurements together, as the result needs it."""
+    raise NotImplementedError
+
+
+@updated.register
+def _of_rig(result: RigCalibration, poses: Rig, added: Added) -> RigCalibration:
+    same = None if added.same is THINGS else added.same
+    require_left_out("of a rig", noise=added.noise, joints=added.joints, same=same)
+    return update_rig(result, poses, although_changed=added.although_changed)
+
+
+@updated.register
+def _of_poses(result: Calibration, poses: PosePairs, added: Added) -> Calibration:
+    noise, joints, although_changed, same = added
     require_type("noise", noise, (PoseNoise, type(None)), "PoseNoise or None")
     if result.setup is None:
         raise InputError("The result is of motions that came without poses: an update needs poses.")
@@ -222,18 +245,18 @@ def require_unchanged(
         raise error
 
 
-def gain(old: Calibration, new: Calibration, count: int) -> str:
-    """Return in words what ``count`` new poses brought: standard deviations before and after, and the headline."""
-    poses = f"{count} new {'pose' if count == 1 else 'poses'} beside {old.n_poses}"
-    before = f"Before: {old.headline}"
-    sizes = [(of.weakest_translation, of.weakest_rotation) for of in (old, new)]
-    if any(size is None for pair in sizes for size in pair):
-        return f"Updated by {poses}. {before}"
-    move, turn = ([1e3 * pair[0][1] for pair in sizes], [np.degrees(pair[1][1]) for pair in sizes])  # type: ignore[index]
-    return (
-        f"Updated by {poses}: translation of X {digits(move[0], 2)} to {digits(move[1], 2)} mm, rotation "
-        f"{digits(turn[0], 2)} to {digits(turn[1], 2)} deg (1 sigma, worst axis). {before}"
-    )
+def gain(old: Result, new: Result) -> str:
+    """Return in words what new measurements brought: standard deviations before and after, and the headline."""
+    count, item = new.n_measured - old.n_measured, old.item
+    added = f"{count} new {item}{'' if count == 1 else 's'} beside {old.n_measured}"
+    parts = []
+    for frame in dict.fromkeys(one.of for one in old.facts.select("accuracy")):
+        before, after = (of.facts.select("accuracy", frame)[:2] for of in (old, new))
+        of = "X" if len(old.camera_names) == 1 else frame
+        pairs = zip((f"translation of {of}", "rotation"), before, after, strict=False)
+        parts.append(", ".join(f"{name} {a.short} to {b.short} {b.unit}" for name, a, b in pairs))
+    brought = f": {'; '.join(parts)} (1 sigma, worst axis)" if parts else ""
+    return f"Updated by {added}{brought}. Before: {old.headline}"
 
 
 def parts_of(result: Calibration) -> list[JsonObject]:

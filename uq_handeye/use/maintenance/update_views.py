@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,15 +61,15 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
 
 def _calibrated_with(result: RigCalibration, new: Rig) -> RigCalibration:
     """Return the calibration of the old and the new views, with the options of the result."""
-    if result.provenance is None:
+    if result.provenance is None or result.provenance.request is None:
         raise InputError("Expected a result that says how it was calibrated. Calibrate again.")
-    plain = result.provenance["request"]
+    plain = result.provenance.request
     noise, request = plain["noise"], request_from_dict(plain)
     if noise is not None:
         noise = {name: np.array(of) if np.ndim(of) > 1 else of for name, of in noise.items()}
     asked = {name: getattr(request, name) for name in OPTIONS}
     shared = plain["shared"] if request.shared is None else _declared_again(plain["shared"], request.shared)
-    return calibrate_rig(result.rig.joined(new), noise, shared=shared, **asked)
+    return replace(calibrate_rig(result.rig.joined(new), noise, shared=shared, **asked), about=result.about)
 
 
 def _declared_again(kinds: Any, errors: Sequence[SharedError]) -> list[SharedError]:

@@ -15,7 +15,7 @@ and the calibration of a lens does not cover views outside its pictures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -109,6 +109,17 @@ class PlanRequest:
             raise InputError("The floor is for candidates that are drawn: leave it out beside `candidates`.")
         for name, value in (("criterion", criterion), ("point", point), ("length", length)):
             object.__setattr__(self, name, value)
+
+    def of_arm(self, name: str) -> PlanRequest:
+        """Return the request with the candidates of one arm, where they are given by the names of arms.
+
+        Raises `InputError` for those of another arm.
+        """
+        if not isinstance(self.candidates, Mapping):
+            return self
+        if list(self.candidates) != [name]:
+            raise InputError(f"Expected `candidates` of the arm {name!r}, got of {', '.join(self.candidates)}.")
+        return replace(self, candidates=self.candidates[name])
 
     def of(self, data: PosePairs) -> PlanRequest:
         """Return the request with what follows from the poses: the length is the RMS distance of the target."""

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from functools import singledispatch
 from typing import Any, cast
 
 import numpy as np
@@ -124,32 +125,37 @@ def plan(
     ((3, 4, 4), (3, 6, 6))
     """
     require_known("plan", asked, PlanRequest)
-    if isinstance(data, RigCalibration):
-        criterion = None if asked.get("criterion") == "trace" else asked.get("criterion")
-        require_left_out(
-            "of a rig", criterion=criterion, **{name: asked.get(name) for name in (*OF_POSES, "point", "task")}
-        )
-        return plan_rig(data, PlanRequest(cast("ArrayLike | None", candidates), k, **asked))
-    of_robot = cast("ArrayLike | None", candidates)
-    if isinstance(data, Calibration):
-        return _plan_of_result(data, PlanRequest(of_robot, k, **asked))
+    return planned_from(data, PlanRequest(cast("ArrayLike | None", candidates), k, **asked))
+
+
+plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined]
+
+
+@singledispatch
+def planned_from(data: PosePairs, asked: PlanRequest) -> Plan:
+    """Return the plan from poses, which are calibrated first, or from a result of one camera or of several."""
     require_type("data", data, PosePairs, "PosePairs")
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
-    request = PlanRequest(of_robot, k, **asked).of(data)
+    request = asked.of(data)
     if request.kinematics is not None:
         return plan_by_joints(data, request.kinematics, request)
     return plan_from(_so_far(data, request), request)
 
 
-plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined]
+@planned_from.register
+def _of_rig(result: RigCalibration, asked: PlanRequest) -> Plan:
+    criterion = None if asked.criterion == "trace" else asked.criterion
+    left_out = {name: getattr(asked, name) for name in (*OF_POSES, "point", "task")}
+    require_left_out("of a rig", criterion=criterion, **left_out)
+    return plan_rig(result, asked)
 
 
-def _plan_of_result(result: Calibration, asked: PlanRequest) -> Plan:
-    """See `plan`: from a result, which has its poses, noise and shared errors."""
+@planned_from.register
+def _of_result(result: Calibration, asked: PlanRequest) -> Plan:
     require_left_out("of a calibration", **{name: getattr(asked, name) for name in OF_POSES})
     data = poses_so_far(result)
     if data is None:
@@ -162,7 +168,7 @@ def _plan_of_result(result: Calibration, asked: PlanRequest) -> Plan:
         known = _weakly_known(known, result.noise, data, kept)
     else:
         posterior_of(result)
-    return plan_from(known, asked.of(data))
+    return plan_from(known, asked.of_arm(result.names.arm).of(data))
 
 
 def plan_from(known: Known, asked: PlanRequest) -> Plan:

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import chdtrc
 
-from ...calibration.rig_result import RigCalibration
+from ...calibration.load import Result
 from ...core.files.records import Record
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
@@ -58,12 +58,12 @@ class CameraVerification(Record, Shown):
         return min(one.p_value for one in self.pairs) < UNUSUAL.probability / len(self.pairs)
 
 
-def verify_cameras(rig: RigCalibration, other: CameraPoses, unit: float = 1.0) -> CameraVerification:
+def verify_cameras(rig: Result, other: CameraPoses, unit: float = 1.0) -> CameraVerification:
     """Compare the relative poses of a rig with those of another program, whose length unit is ``unit`` m.
 
     Cameras are matched by name; where no name is in both, and as many cameras are, in their order.
     """
-    own, names = list(rig.rig.cameras), list(other.poses)
+    own, names = list(rig.camera_names), list(other.poses)
     match = {name: name for name in own if name in names}
     if not match and len(own) == len(names):
         match = dict(zip(own, names, strict=True))
