@@ -56,7 +56,7 @@ def test_the_doors_to_the_report_are_lazy(door):
     found = re.findall(rf"^( *)from \.+{page.removeprefix('uq_handeye')} import (.*)$", text, re.MULTILINE)
     assert (
         "        ",
-        {"page": "write_report", "figures": "figure_of", "rig_page": "write_rig_report"}[page.rpartition(".")[2]],
+        {"page": "write_report", "figures": "figure_of"}[page.rpartition(".")[2]],
     ) in found
     assert all(indent for indent, _ in found)
 

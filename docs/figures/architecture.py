@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOORS = {
     ("uq_handeye.calibration.result", "uq_handeye.report.page"),
     ("uq_handeye.calibration.result", "uq_handeye.report.figures"),
-    ("uq_handeye.calibration.rig_result", "uq_handeye.report.rig_page"),
+    ("uq_handeye.calibration.rig_result", "uq_handeye.report.page"),
 }
 # Modules at the top of the package that stand together; the others there only hand names on.
 TOP = ("errors", "findings")

@@ -21,7 +21,9 @@ from fixtures.reports import Page
 from support import SEED, missing
 
 import uq_handeye as uq
+from uq_handeye.calibration.accuracy import Statement
 from uq_handeye.calibration.parts import Provenance
+from uq_handeye.calibration.report.answer import status_with
 from uq_handeye.calibration.tolerance import Tolerance, Verdict
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
@@ -30,11 +32,12 @@ from uq_handeye.core.presentation.figure_parts import canvas
 from uq_handeye.core.presentation.html import pretty
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.findings import Finding
+from uq_handeye.fit.graph.reference import Reference
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.report import sections
 from uq_handeye.report.comparison.compare import compare_result
 from uq_handeye.report.page import report_html
-from uq_handeye.report.sections import NO_COVARIANCE, colour_of
+from uq_handeye.report.sections import NO_COVARIANCE
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +97,7 @@ CASES = {
     "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
     "three poses, Hotelling": lambda: replace(
         uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
-        reference=uq.fit.likelihood.reference.Reference("Hotelling", 3.0),
+        reference=Reference("Hotelling", 3.0),
     ),
     "loaded": lambda: replace(uq.calibrate(simulated(), noise=NOISE), data=None),
 }
@@ -193,13 +196,15 @@ def test_the_colour_is_that_of_terminal_and_notebook(statuses, usable, word, col
         accuracy=SimpleNamespace(lower_limit=False),
         cautions=("one",) if "caution" in statuses else (),
     )
-    assert colour_of(of) == colour
+    status = Statement.status.fget
+    assert status(of) == colour
     if word is not None:
-        assert colour_of(of, Verdict(word, None, Tolerance.read("1mm"))) == of_verdict
+        verdict = Verdict(word, None, Tolerance.read("1mm"))
+        assert status_with(SimpleNamespace(status=status(of)), verdict) == of_verdict
     of.accuracy.lower_limit = True
-    assert colour_of(of) != "ok"
+    assert status(of) != "ok"
     of.accuracy = None
-    assert colour_of(of) != "ok"
+    assert status(of) != "ok"
 
 
 def test_the_verdict_stands_on_page_one(result, quick):

@@ -458,7 +458,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
         (("check", stored, path / "robot.csv", "--camera", f"up={path / 'left.csv'}"), "the rig has left, right"),
         (("check", stored, path / "new.toml", "--camera", f"left={path / 'left.csv'}"), "names all files"),
         (("check", stored, path / "new.toml", "--same", "lef"), "Expected `same` (--same) to be names out of"),
-        (("update", stored, path / "new.toml", "--same", "left"), "--same: not for the result of a rig"),
+        (("update", stored, path / "new.toml", "--same", "left"), "`same` is not an argument for the result of a rig"),
         (("predict", stored, "--point", "0mm,0mm,1mm"), "No robot poses to predict at"),
         (("plan", stored, "--criterion", "logdet"), "not an argument for the result of a rig"),
     ):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
-    from .tolerance import Verdict
+    from .tolerance import Verdicts
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -311,7 +311,7 @@ class Calibration(Statement, StoredResult):
         comparison: Methods = True,
         cross_check: CrossCheck | None = None,
         about: Mapping[str, str] | None = None,
-        verdict: Verdict | None = None,
+        verdict: Verdicts | None = None,
         details: bool = False,
         paper: str = "a4",
         certificate: bool = False,
@@ -329,7 +329,7 @@ class Calibration(Statement, StoredResult):
             If given, its covariances are drawn over the ellipses and its relations listed.
         about : mapping or None
             Title block: cell, robot, camera, operator, ... (`files.about.ABOUT`), added to those of `about`.
-        verdict : Verdict or None
+        verdict : Verdict, mapping of the name of the camera to Verdict, or None
             Of a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
         details : bool
             Unfold the folded sections, also in the PDF, which otherwise has the two pages only.

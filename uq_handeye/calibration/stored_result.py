@@ -38,6 +38,11 @@ def head_of(of: str) -> JsonObject:
     return {"format": FORMAT, "of": of, "convention": CONVENTION, "units": UNITS}
 
 
+def not_a_result(value: object) -> InputError:
+    """Return the error of what is no result of a calibration."""
+    return InputError(f"Expected `result` to be a Calibration, got {type(value).__name__}.")
+
+
 def read_result(data: Any, of: str, derived: str, made: Callable[[dict[str, Any]], R]) -> R:
     """Return the result that ``made`` makes of the values of a file; raises `InputError` for others.
 

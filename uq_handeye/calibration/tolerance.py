@@ -151,6 +151,8 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
+# A verdict on X, or on each camera by its name.
+Verdicts: TypeAlias = Verdict | Mapping[str, Verdict]
 # Of a result without a tolerance.
 NO_VERDICTS: Mapping[str, Verdict] = MappingProxyType({})
 

@@ -35,7 +35,6 @@ from .values import naming_option, one_of
 from .views import Views, views_of
 
 if TYPE_CHECKING:
-    from ..calibration.load import Result
     from ..calibration.result import Calibration
     from ..calibration.rig_result import RigCalibration
     from ..model.errors.models import Noise
@@ -80,7 +79,7 @@ class NewPoses(NamedTuple):
         """Return whether no new poses are given."""
         return (self.files.robot, self.files.camera, self.images, self.joints) == (None,) * 4 and not self.cameras
 
-    def read(self, stored: "Result", name: str) -> "PosePairs | Rig":
+    def read(self, stored: Any, name: str) -> "PosePairs | Rig":
         """Return the new measurements that a result in the file ``name`` is held against: poses, or views by names."""
         if stored.one_of_each is None:
             return new_views(stored, self)

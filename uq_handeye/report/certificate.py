@@ -18,7 +18,7 @@ from pathlib import Path
 from .._version import __version__
 from ..calibration.load import Result
 from ..calibration.stored_result import StoredResult
-from ..calibration.tolerance import ToleranceLike
+from ..calibration.tolerance import ToleranceLike, Verdicts
 from ..core.files.about import as_about
 from ..core.files.json_files import json_text
 from ..core.files.json_values import JsonObject
@@ -27,7 +27,7 @@ from ..errors import InputError, require_type
 from . import rig_certificate as rig_certificate  # registers what is certified of a rig
 from .certificate_sheets import NOT_CERTIFIED
 from .certified import Certified, certified_of
-from .decision import Decision, Verdicts, decide, verdicts_by_name
+from .decision import Decision, decide, verdicts_by_name
 from .statements import STANDING, VALIDITY, fields_of
 
 FORMAT = "uq-handeye certificate 1"

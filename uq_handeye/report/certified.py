@@ -10,7 +10,7 @@ import numpy as np
 
 from ..calibration.contribution import Contribution
 from ..calibration.result import Calibration
-from ..calibration.stored_result import NOT_USABLE
+from ..calibration.stored_result import NOT_USABLE, not_a_result
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.geometry.conventions import CONVENTION
@@ -44,8 +44,13 @@ class Certified(NamedTuple):
 
 
 @singledispatch
-def certified_of(result: Calibration, decisions: Mapping[str, Decision]) -> Certified:
+def certified_of(result: object, decisions: Mapping[str, Decision]) -> Certified:
     """Return what is certified of a result."""
+    raise not_a_result(result)
+
+
+@certified_of.register
+def _of_camera(result: Calibration, decisions: Mapping[str, Decision]) -> Certified:
     refusals = tuple(f"{NOT_USABLE}: {reason}" for reason in result.reasons)
     if not refusals and result.covariance is None:
         refusals = ("the uncertainty of X is not known: no noise was given, and none could be estimated",)

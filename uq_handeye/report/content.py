@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ..calibration.report.first_screen import data_words
 from ..calibration.result import Calibration
+from ..calibration.stored_result import not_a_result
 from ..calibration.tolerance import Verdict
 from ..core.presentation.document import Section
 from ..core.presentation.page import drawing
@@ -39,11 +40,16 @@ class Content(NamedTuple):
 
 
 @singledispatch
-def content_of(result: Calibration, wanted: Wanted) -> Content:
+def content_of(result: object, wanted: Wanted) -> Content:
     """Return what the report of a result shows.
 
     Raises `InputError` for a comparison or a cross-check of another problem.
     """
+    raise not_a_result(result)
+
+
+@content_of.register
+def _of_camera(result: Calibration, wanted: Wanted) -> Content:
     cross_check, found = wanted.cross_check, wanted.comparison
     if cross_check is not None:
         require_same_problem(result, cross_check)

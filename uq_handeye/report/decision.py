@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration.load import Result
-from ..calibration.tolerance import MET, NO_VERDICTS, Tolerance, Verdict, percent
+from ..calibration.tolerance import MET, NO_VERDICTS, Tolerance, Verdict, Verdicts, percent
 from ..core.files.json_values import JsonObject
 from ..core.presentation.numbers import digits
 from ..core.rounding import SOLUTION_ROUNDING
@@ -55,10 +55,6 @@ class Decision(NamedTuple):
         if self.guard_band is not None:
             band = {"translation": self.guard_band.translation, "rotation": self.guard_band.rotation}
         return self.verdict.to_dict() | {"rule": RULE, "guard_band": band, "margin": self.margin}
-
-
-# A verdict on X, or on each camera by its name.
-Verdicts = Verdict | Mapping[str, Verdict]
 
 
 def verdicts_by_name(result: Result, verdict: Verdicts | None) -> Mapping[str, Verdict]:

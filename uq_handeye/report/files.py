@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..calibration.camera_of_result import corrected_camera
 from ..calibration.result import Calibration
 from ..calibration.rig_result import RigCalibration, several_of, several_of_split
+from ..calibration.stored_result import not_a_result
 from ..calibration.tolerance import NO_VERDICTS, Verdict
 from ..core.presentation.document import document_of, to_text
 from ..fit.diagnostics.pose_table import PoseTable
@@ -34,8 +35,13 @@ FILES = (POSES, SPLIT, *EXPORTS.values())
 
 
 @singledispatch
-def files_of(result: Calibration, verdicts: Mapping[str, Verdict] = NO_VERDICTS) -> dict[str, str | bytes]:
+def files_of(result: object, verdicts: Mapping[str, Verdict] = NO_VERDICTS) -> dict[str, str | bytes]:
     """Return the files of a result beside its own, by their names."""
+    raise not_a_result(result)
+
+
+@files_of.register
+def _of_camera(result: Calibration, verdicts: Mapping[str, Verdict] = NO_VERDICTS) -> dict[str, str | bytes]:
     files: dict[str, str | bytes] = {name: exported(result, format) for format, name in EXPORTS.items()}
     if (seen := corrected_camera(result)) is not None:  # the intrinsics, with the poses and corners that belong to them
         files |= camera_files(seen)
@@ -63,33 +69,40 @@ def _of_rig(result: RigCalibration, verdicts: Mapping[str, Verdict] = NO_VERDICT
 
 @singledispatch
 def figures_of(
-    result: Calibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
-) -> dict[str, str | Figure]:
+    result: object, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
+) -> Mapping[str, str | Figure]:
     """Return the figures of a result, by the stems of their files or by their names."""
+    raise not_a_result(result)
+
+
+@figures_of.register(Calibration)
+def _figures_of_camera(
+    result: Calibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
+) -> Mapping[str, Figure]:
     from .figures import figures  # Matplotlib is slow to import
 
-    return {**figures(result, cross_check, comparison)}
+    return figures(result, cross_check, comparison)
 
 
 @figures_of.register
 def _drawing_of_rig(
     result: RigCalibration, cross_check: CrossCheck | None = None, comparison: Comparison | None = None
-) -> dict[str, str]:
+) -> Mapping[str, str]:
     return {DRAWING: str(rig_sketch(result).svg)}
 
 
 @singledispatch
-def words_of_intrinsics(result: Calibration) -> str:
+def words_of_intrinsics(result: object) -> str:
     """Return which intrinsics X belongs to, as the end of a sentence; empty where it came without pictures."""
+    return ""
+
+
+@words_of_intrinsics.register
+def _intrinsics_of_camera(result: Calibration) -> str:
     if (seen := corrected_camera(result)) is not None:
         of = "corrected intrinsics" if seen.estimated else "intrinsics as given"
         return f"; X belongs to the {of}, {INTRINSICS}"
     return "" if _scene(result) is None else f"; X belongs to the intrinsics of the scene, {INTRINSICS}"
-
-
-@words_of_intrinsics.register
-def _of_cameras(result: RigCalibration) -> str:
-    return ""
 
 
 def _scene(result: Calibration) -> SceneFacts | None:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from .._version import __version__
 from ..calibration.load import Result
+from ..calibration.tolerance import Verdicts
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from ..errors import require_type
@@ -25,7 +26,7 @@ from .certificate import make_certificate
 from .comparison.compare import Compared, compare_result
 from .comparison.result import Comparison
 from .content import Wanted, content_of
-from .decision import Verdicts, verdicts_by_name
+from .decision import verdicts_by_name
 
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..calibration.report.answer import badges_of
 from ..calibration.report.rig_sections import FRAMES, certified_poses, rig_parts
-from ..calibration.rig_poses import RigPoses
+from ..calibration.rig_result import RigCalibration
 from ..calibration.stored_result import NOT_USABLE
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
@@ -35,7 +35,7 @@ MEASURAND = f"Measurand: the poses of cameras, targets and bases, each in its ow
 
 
 @certified_of.register
-def certified_of_rig(result: RigPoses, decisions: Mapping[str, Decision]) -> Certified:
+def certified_of_rig(result: RigCalibration, decisions: Mapping[str, Decision]) -> Certified:
     """Return what is certified of a rig."""
     refusals = refusals_of(result)
     return Certified(
@@ -45,7 +45,7 @@ def certified_of_rig(result: RigPoses, decisions: Mapping[str, Decision]) -> Cer
     )  # fmt: skip
 
 
-def refusals_of(result: RigPoses) -> tuple[str, ...]:
+def refusals_of(result: RigCalibration) -> tuple[str, ...]:
     """Return the reasons why nothing is certified; empty where the rig is."""
     found = [f"{NOT_USABLE}: {reason}" for reason in result.reasons]
     found += [text for text in result.warnings if text not in result.reasons]
@@ -56,7 +56,7 @@ def refusals_of(result: RigPoses) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _data(result: RigPoses, certified: bool) -> JsonObject:
+def _data(result: RigCalibration, certified: bool) -> JsonObject:
     poses: JsonObject = {
         "poses": {one.name: _stated(result, one) for one in certified_poses(result)},
         "relative": {one.frame: _stated(result, one) for one in result.pairs},
@@ -74,18 +74,18 @@ def _data(result: RigPoses, certified: bool) -> JsonObject:
     }
 
 
-def _stated(result: RigPoses, one: EstimatedPose) -> JsonObject:
+def _stated(result: RigCalibration, one: EstimatedPose) -> JsonObject:
     shift, turn = (fact.within_95 for fact in result.facts.select("error of pose", one.frame))
     assert shift is not None and turn is not None
     expanded = {"translation": plain(shift / MM_PER_M), "rotation": plain(turn / DEG_PER_RAD)}
     return one.to_dict() | {"expanded": {"level": LEVEL, **expanded}}
 
 
-def _method(result: RigPoses) -> str:
+def _method(result: RigCalibration) -> str:
     return f"{result.method}, one estimate of all poses with their joint covariance"
 
 
-def conditions_of_rig(result: RigPoses) -> list[tuple[str, str]]:
+def conditions_of_rig(result: RigCalibration) -> list[tuple[str, str]]:
     """Return the recorded conditions of the measurement as names and texts."""
     rig = result.rig
     sources = dict.fromkeys([*(arm.source for arm in rig.arms.values()), *(view.source for view in rig.views)])
@@ -99,12 +99,12 @@ def conditions_of_rig(result: RigPoses) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
-def _refused(result: RigPoses, refusals: Sequence[str]) -> list[Section]:
+def _refused(result: RigCalibration, refusals: Sequence[str]) -> list[Section]:
     answer = Answer(f"{NOT_CERTIFIED}. {result.headline}", "failed")
     return [refused(answer, Points(refusals)), _measured(result), _origin(result)]
 
 
-def _first(result: RigPoses, decisions: Mapping[str, Decision]) -> list[Section]:
+def _first(result: RigCalibration, decisions: Mapping[str, Decision]) -> list[Section]:
     verdicts = {name: one.verdict for name, one in decisions.items()}
     said: list[Block] = [Answer(result.headline, result.status), *badges_of(result, verdicts)]
     several = len(decisions) > 1
@@ -117,7 +117,7 @@ def _first(result: RigPoses, decisions: Mapping[str, Decision]) -> list[Section]
     ]
 
 
-def _second(result: RigPoses) -> list[Section]:
+def _second(result: RigCalibration) -> list[Section]:
     parts = rig_parts(result)
     return [
         *selected(parts, ("stated-pairs",), wide=True),
@@ -128,10 +128,10 @@ def _second(result: RigPoses) -> list[Section]:
     ]
 
 
-def _measured(result: RigPoses) -> Section:
+def _measured(result: RigCalibration) -> Section:
     rows = [[name, text] for name, text in conditions_of_rig(result)]
     return Section("conditions", "Conditions", [Table("", ["", ""], rows, frozenset({1}))])
 
 
-def _origin(result: RigPoses) -> Section:
+def _origin(result: RigCalibration) -> Section:
     return origin_section(input_hashes(result.provenance), "", result.provenance)

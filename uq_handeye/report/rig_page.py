@@ -17,7 +17,7 @@ import numpy as np
 
 from ..calibration.report.answer import badges_of
 from ..calibration.report.rig_sections import rig_parts
-from ..calibration.rig_poses import RigPoses
+from ..calibration.rig_result import RigCalibration
 from ..core.limits import MAX_LISTED
 from ..core.presentation.document import Drawing, Section
 from ..core.presentation.html import macros
@@ -31,7 +31,7 @@ from .content import Content, Wanted, content_of
 FOLDED = ("sizes", "paths", "certificate", "largest", "numbers", "conventions")
 
 
-def rig_sketch(result: RigPoses) -> Drawing:
+def rig_sketch(result: RigCalibration) -> Drawing:
     """Return the drawing of a `RigCalibration`, by the macros of `sketch.svg.j2`."""
     turns, shifts = (np.array([one.sizes[k] for one in result.singles]) for k in (0, 1))
     most = [float(values[np.isfinite(values)].max(initial=0.0)) or 1.0 for values in (turns, shifts)]
@@ -57,7 +57,7 @@ def rig_sketch(result: RigPoses) -> Drawing:
     )  # fmt: skip
 
 
-def _node(result: RigPoses, one: EstimatedPose, most: list[float]) -> dict[str, str | list[float] | None]:
+def _node(result: RigCalibration, one: EstimatedPose, most: list[float]) -> dict[str, str | list[float] | None]:
     """Return what is drawn of a pose: its names, its sizes in words and as an ellipse."""
     name, radii, said = one.name, None, "not determined"
     shift, turn = result.facts.select("error of pose", one.frame)
@@ -74,7 +74,7 @@ def _short(text: str) -> str:
 
 
 @content_of.register
-def rig_content(result: RigPoses, wanted: Wanted) -> Content:
+def rig_content(result: RigCalibration, wanted: Wanted) -> Content:
     """Return what the report of a rig shows."""
     parts = rig_parts(result, badges_of(result, wanted.verdicts))
     first = selected(parts, ("answer", "next", "poses"), wide=True)

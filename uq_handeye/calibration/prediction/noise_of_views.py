@@ -56,7 +56,8 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
     if not (lines or keys):
         return ()
     before = result.rig, Graph.of(result.rig)
-    request = Request() if result.provenance is None else request_from_dict(result.provenance["request"])
+    plain = None if result.provenance is None else result.provenance.request
+    request = Request() if plain is None else request_from_dict(plain)
     request = replace(request, shared=[error for error in request.shared or () if error.key.of("") != CLOCK_OFFSET])
     width = lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH
     found = components_of(rig, graph, True, before, width, request=replace(request, sizes=None, prior=None))

@@ -215,8 +215,8 @@ def _facts(result: Statement) -> Iterator[Fact]:
         within = accuracy.rotation_95, accuracy.translation_95
         yield from sizes_of_errors(accuracy.rotation, accuracy.translation, result.frame, within, "accuracy")
         ahead = f"point {digits(accuracy.distance, 3)} m ahead"
-        at = MM_PER_M * accuracy.point, None, "mm", "accuracy", result.frame, MM_PER_M * accuracy.point_95
-        yield Fact(ahead, *at)
+        point, within_point = MM_PER_M * accuracy.point, MM_PER_M * accuracy.point_95
+        yield Fact(ahead, point, None, "mm", "accuracy", result.frame, within_point)
     for frame, T, S, opened in (
         (result.frame, result.X, result.covariance, result.open_of_X),
         (result.frame_W, result.W, result.covariance_W, result.open_of_W),
@@ -254,9 +254,10 @@ def facts_of_rig(
     for one in cameras:
         turn, shift = (float(principal_axes(one.covariance[part, part])[0][0]) for part in PARTS)
         within = within_95(one, reference)
-        sizes = (size if np.isfinite(limit) or not len(one.open) else np.inf
-                 for size, limit in zip((turn, shift), within, strict=True))  # fmt: skip
-        found += sizes_of_errors(*sizes, one.frame, within, "accuracy")
+        if len(one.open):  # a size is known where its limit is
+            sizes = zip((turn, shift), within, strict=True)
+            turn, shift = (size if np.isfinite(limit) else np.inf for size, limit in sizes)
+        found += sizes_of_errors(turn, shift, one.frame, within, "accuracy")
     found += facts_of_poses(poses, reference)
     found += facts_of_residuals(*residuals)
     for name, (turn, shift) in noise.items():

@@ -60,7 +60,7 @@ def update_command(
         stored: Any = load(result)
         if wishes.about and files.nothing:
             return deliver_result(replace(stored, about=stored.about | wishes.about), outputs, tolerance, wishes)
-        poses = files.read(stored, str(result))
+        poses: Any = files.read(stored, str(result))
         with withheld() as said:
             try:
                 with timed("updating"):

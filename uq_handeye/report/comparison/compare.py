@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import singledispatch
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,8 @@ from ...calibration.calibrate import calibrate
 from ...calibration.checks import Check
 from ...calibration.evidence.new_poses import poses_less_shared_errors
 from ...calibration.result import Calibration
-from ...calibration.rig_poses import RigPoses
+from ...calibration.rig_result import RigCalibration
+from ...calibration.stored_result import not_a_result
 from ...core.geometry.frames import SETUPS
 from ...core.progress import progress_bar
 from ...errors import (
@@ -55,9 +56,6 @@ from ...model.poses.pose_pairs import PosePairs, pairs_of
 from ...model.poses.residuals import Residuals, residuals, summarise
 from ...model.shared_errors.shared_error import SharedError
 from .result import CHI2_95, Comparison, Row, against, squared_distance
-
-if TYPE_CHECKING:
-    from ...calibration.rig_poses import RigPoses
 
 # Pairs of poses, spread evenly, on which a report compares the methods.
 COMPARED_PAIRS = 4_000
@@ -420,11 +418,16 @@ class Compared(NamedTuple):
 
 
 @singledispatch
-def compare_result(result: Calibration) -> Compared:
+def compare_result(result: object) -> Compared:
     """All published methods on the data of the result, without the poses that it rejected; its X is the reference.
 
     The noise is that of the result, given or estimated there. No time is measured.
     """
+    raise not_a_result(result)
+
+
+@compare_result.register
+def _of_camera(result: Calibration) -> Compared:
     data, noise, note = result.counted, result.noise, ""
     if data is None:
         return Compared(
@@ -467,5 +470,5 @@ def compare_result(result: Calibration) -> Compared:
 
 
 @compare_result.register
-def _of_rig(result: RigPoses) -> Compared:
+def _of_rig(result: RigCalibration) -> Compared:
     return Compared(None, "Not compared: the published methods solve one A X = X B, of one camera.", "")

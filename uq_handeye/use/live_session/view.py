@@ -15,6 +15,7 @@ import numpy as np
 from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
+from ...calibration.stored_result import not_a_result
 from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
@@ -27,10 +28,15 @@ from .server import HOST, PORT
 
 
 @singledispatch
-def view_page(
+def view_page(result: object, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None) -> BrowserPage:
+    """Return the page of a result, of one camera or of several."""
+    raise not_a_result(result)
+
+
+@view_page.register
+def _of_camera(
     result: Calibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
 ) -> BrowserPage:
-    """Return the page of a result, of one camera or of several."""
     return ViewPage(result, host, port, touches)
 
 

@@ -20,6 +20,7 @@ from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.evidence.same_things import ROBOT, THINGS, others_by_pictures
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.rig_poses import RigPoses
+from ...calibration.stored_result import not_a_result
 from ...calibration.tolerance import Tolerance
 from ...core.geometry.se3 import Array, difference
 from ...core.levels import DOUBTFUL, UNUSUAL
@@ -121,7 +122,7 @@ def check(
             findings.append(Finding("maintenance.overstated", "note"))
     return ChangeCheck(
         status, found.p_value, new.compared.rows.d2, new.compared.dof, _noise_dof(new.compared.reference(None)), level,
-        found.moves, found.causes, new.distances, tuple(findings), new.count, new.count_before,
+        found.moves, found.causes, new.distances, tuple(findings), new.n, new.n_before,
         new.of_pairs(found.p_value), new.unseen, limits, new.setup, None if accepted is None else str(accepted),
         new.focal_length_px,
     )  # fmt: skip
@@ -144,8 +145,8 @@ class NewMeasurements(NamedTuple):
     of_change: Callable[[Judged], tuple[str, list[Finding]]]  # status and findings where they contradict the result
     of_pairs: Callable[[float], dict[str, float]]  # p-value of each camera and target, by that of all
     distances: Array  # (n,) squared, of each pose or view
-    count: int
-    count_before: int | None  # of the calibration
+    n: int
+    n_before: int | None  # of the calibration
     unseen: tuple[str, ...] = ()
     assumed_accuracy: bool = False  # whether an accuracy of the robot is assumed
     setup: str | None = None
@@ -153,8 +154,13 @@ class NewMeasurements(NamedTuple):
 
 
 @singledispatch
-def compared_with(result: Estimated, poses: PosePairs, asked: Asked) -> NewMeasurements:
+def compared_with(result: object, poses: object, asked: Asked) -> NewMeasurements:
     """Compare new measurements with a result: poses of one camera, or views of several."""
+    raise not_a_result(result)
+
+
+@compared_with.register
+def _of_poses(result: Estimated, poses: PosePairs, asked: Asked) -> NewMeasurements:
     evidence = evidence_of_poses(result, poses, *asked)
     _require_new(result, poses)
     columns, so_far = columns_of_causes(evidence, poses.setup), poses_so_far(result)

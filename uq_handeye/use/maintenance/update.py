@@ -40,7 +40,7 @@ from ...calibration.moves import DRIFTS, MOVED
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
 from ...calibration.rig_result import RigCalibration
-from ...calibration.stored_result import StoredResult
+from ...calibration.stored_result import StoredResult, not_a_result
 from ...core.files.json_values import Json, JsonObject
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
@@ -130,9 +130,9 @@ class Added(NamedTuple):
 
 
 @singledispatch
-def updated(result: Any, poses: Any, added: Added) -> Any:
+def updated(result: object, poses: object, added: Added) -> Any:
     """Return the calibration of what a result was made of and new measurements together, as the result needs it."""
-    raise NotImplementedError
+    raise not_a_result(result)
 
 
 @updated.register

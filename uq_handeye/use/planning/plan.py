@@ -132,9 +132,13 @@ plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined
 
 
 @singledispatch
-def planned_from(data: PosePairs, asked: PlanRequest) -> Plan:
+def planned_from(data: object, asked: PlanRequest) -> Plan:
     """Return the plan from poses, which are calibrated first, or from a result of one camera or of several."""
-    require_type("data", data, PosePairs, "PosePairs")
+    raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
+
+
+@planned_from.register
+def _of_poses(data: PosePairs, asked: PlanRequest) -> Plan:
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
