@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...calibration.accuracy import NOT_USABLE
+from ...calibration.stored_result import NOT_USABLE
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
