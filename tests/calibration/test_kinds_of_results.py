@@ -10,7 +10,7 @@ import uq_handeye as uq
 KINDS = r"(?:Calibration|RigCalibration|RigPoses|Estimated|Statement|Checked)"
 ASKS = re.compile(
     rf"isinstance\([^()]*,[^\n]*?\b(?<!\.){KINDS}\b|\bcase {KINDS}\(|type\(\w+\) (?:is|==|in) [^\n]*\b{KINDS}\b"
-    rf"|hasattr\((?:result|stored|found), |is_of_rig|stored_rig"
+    rf"|hasattr\((?:result|stored), |is_of_rig|stored_rig"
 )
 SHARED = [
     "cameras",
