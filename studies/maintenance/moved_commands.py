@@ -1,6 +1,6 @@
 """Camera or target that moves in the middle of 25 poses: whether it is named by each command that meets the poses.
 
-    python -m studies.maintenance.moved_commands [--sets 200] [--only KIND,...] [--clean] [--store FILE]
+    python -m studies.maintenance.moved_commands [--sets 200] [--only KIND,...] [--clean] [--accuracy MM] [--store FILE]
 
 Sets as in `studies.one_model.moves`: noise of 0.05 deg and 0.3 mm, target or camera elsewhere from pose 12 on, by 3 mm
 or by 0.3 deg in a random direction, both setups. These four changes take turns, so that ``--sets 200`` has 50 of each.
@@ -12,7 +12,8 @@ KIND is
     live            the answer of a live session after the last pose, and its buttons
 
 Named: with what moved and a pose within two of the true one. ``--clean`` has sets in which nothing moved, of which
-every finding is a false alarm, with 8 to 60 poses, of `check` that many new ones. Prints a Markdown table.
+every finding is a false alarm, with 8 to 60 poses, of `check` that many new ones; with ``--accuracy 2`` by true arms of
+that error (mm). Prints a Markdown table.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from typing import Any
 import numpy as np
 
 import uq_handeye as uq
-from studies.one_model.chains import Array
+from studies.one_model.chains import ARMS, Array
 from studies.one_model.moves import (
     COUNTS,
     MAX_POSES_OFF,
@@ -40,7 +41,7 @@ from studies.one_model.moves import (
     moved_poses,
     table,
 )
-from studies.one_model.rigs import SETUPS
+from studies.one_model.rigs import SETUPS, SPREADS, arm_set
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.calibration.moves import DRIFTS, MOVED
 from uq_handeye.core.geometry.se3 import perturb
@@ -62,6 +63,26 @@ def sessions(k: int, part: str, size: str, old: int, new: int, setup: str) -> tu
     shares = (np.arange(old + new) >= old + new // 2).astype(float)
     poses = moved_poses(drawn, part, *SIZES[size], shares, k) if part else drawn
     return poses.rows(np.arange(old)), poses.rows(old + np.arange(new))
+
+
+def arm_sessions(k: int, old: int, new: int, setup: str, accuracy: float) -> tuple[uq.PosePairs, uq.PosePairs]:
+    """Poses of one camera by a true arm of an accuracy (m), before and later; nothing moved."""
+    arm, spread = list(ARMS)[k % len(ARMS)], list(SPREADS)[k % len(SPREADS)]
+    drawn = arm_set(arm, accuracy, np.random.default_rng([43, k]), n=old + new, setup=setup, spread=spread)
+    poses = uq.PosePairs(drawn.poses.robot, drawn.poses.camera, setup)
+    return poses.rows(np.arange(old)), poses.rows(old + np.arange(new))
+
+
+def arm_rigs(k: int, old: int, new: int, setup: str, accuracy: float) -> list[uq.Rig]:
+    """The same of two cameras: the second one sees what the first one sees, with noise of its own."""
+    arm, spread = list(ARMS)[k % len(ARMS)], list(SPREADS)[k % len(SPREADS)]
+    rng = np.random.default_rng([43, k])
+    drawn = arm_set(arm, accuracy, rng, n=old + new, setup=setup, spread=spread)
+    right = drawn.true_camera.copy()
+    right[:, 0, 3] -= BETWEEN_CAMERAS_M
+    seen = {"left": drawn.poses.camera, "right": noisy(right, np.asarray(NOISE.camera), rng)}
+    robot = np.asarray(drawn.poses.robot)
+    return [rig_of(robot, seen, setup, range(old)), rig_of(robot, seen, setup, range(old, old + new))]
 
 
 def rig_sessions(k: int, part: str, size: str, old: int, new: int, setup: str) -> list[uq.Rig]:
@@ -96,19 +117,24 @@ def noisy(T: Array, S: Array, rng: np.random.Generator) -> Array:
     return perturb(T, rng.standard_normal((len(T), 6)) * np.sqrt(np.diag(S)))
 
 
-def findings_of(kind: str, k: int, part: str, size: str, n: int, setup: str) -> tuple[tuple[Finding, ...], int]:
+def findings_of(
+    kind: str, k: int, part: str, size: str, n: int, setup: str, accuracy: float | None = None
+) -> tuple[tuple[Finding, ...], int]:
     """Return the findings of a command, and the number of the first pose after the move."""
     old = 0 if kind in ("calibrate-2", "live") else N_POSES
     result: Any
     later: Any
     if kind.endswith("-2"):
-        before, later = rig_sessions(k, part, size, old, n, setup)
+        rigs = rig_sessions(k, part, size, old, n, setup) if accuracy is None else arm_rigs(k, old, n, setup, accuracy)
+        before, later = rigs
         result = calibrate_rig(before if old else later)
         if kind == "calibrate-2":
             return result.findings, n // 2
         since = old + n // 2
     else:
-        first, poses = sessions(k, part, size, old, n, setup)
+        first, poses = (
+            sessions(k, part, size, old, n, setup) if accuracy is None else arm_sessions(k, old, n, setup, accuracy)
+        )
         if kind == "live":
             return in_session(poses), n // 2
         since = n // 2 if kind == "check" else old + n // 2
@@ -152,7 +178,9 @@ def main() -> None:
     parser.add_argument("--only", default=",".join(KINDS))
     parser.add_argument("--clean", action="store_true")
     parser.add_argument("--store", help="file with the answers of single sets, to go on from")
+    parser.add_argument("--accuracy", type=lambda text: 1e-3 * float(text), help="of true arms (mm); with --clean")
     options = parser.parse_args()
+    of_arm = [] if options.accuracy is None else [f"{1e3 * options.accuracy:g} mm"]
     warnings.simplefilter("ignore", uq.InputWarning)
     answers, rows = Answers(options.store), []
     for kind in options.only.split(","):
@@ -165,10 +193,12 @@ def main() -> None:
             def answer(
                 k: int = k, kind: str = kind, part: str = part, size: str = size, n: int = n, setup: str = setup
             ) -> str:
-                findings, since = findings_of(kind, k, part, size, n, setup)
+                findings, since = findings_of(kind, k, part, size, n, setup, options.accuracy)
                 return word_of(findings, part, since)
 
-            counts.setdefault(f"{part} {size}".strip(), Counter())[answers.of((kind, part, size, k), answer)] += 1
+            counts.setdefault(f"{part} {size}".strip(), Counter())[
+                answers.of((kind, part, size, *of_arm, k), answer)
+            ] += 1
         expected = "nothing" if options.clean else "named"
         for change, of in counts.items():
             others = ", ".join(f"{word} {count}" for word, count in of.most_common() if word != expected)
