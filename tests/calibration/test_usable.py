@@ -105,9 +105,9 @@ def test_a_rig_whose_residuals_refute_the_noise_is_not_usable(kind):
     for k in range(2):
         rig, options, _ = drawn_rig(kind, 40 + k)
         result = uq.calibrate(rig, **options)
-        assert not result.usable and "times larger than this noise" in result.reasons[-1]
+        assert not result.usable
         if kind == "noise too small":
-            assert uq.calibrate(rig).usable
+            assert "times larger than this noise" in result.reasons[0] and uq.calibrate(rig).usable
 
 
 @pytest.mark.slow

@@ -329,7 +329,7 @@ class RigPoses(Record):
         found = [str(finding) for finding in self.findings if finding.severity == "failure"]
         ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
         refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
-        if refuted or ratio > MAX_CHI_SQUARE_RATIO:
+        if not found and (refuted or ratio > MAX_CHI_SQUARE_RATIO):  # what moved makes them larger, too
             found.append(
                 f"{times_of_noise(float(np.sqrt(ratio)))} (chi-square {self.chi_square:.0f} of {self.dof:.0f}). Leave "
                 "the noise out, it is then estimated; look at what each camera and target is on, and at the files."

@@ -487,5 +487,6 @@ def _finding(rig: Rig, best: _Copied, p: float, others: list[RigPath]) -> Findin
         "p": p, "others": [{"name": one.name, "by": one.by, "since": one.moment} for one in others],
     }  # fmt: skip
     if path.by is None:
-        return Finding("rig.moved", "failure", values | {"since": path.moment})
+        cameras = {"cameras": list(rig.cameras)} if kind != "camera" else {}
+        return Finding("rig.moved", "failure", values | {"since": path.moment, **cameras})
     return Finding("rig.paths_disagree", "caution", values | {"by": path.by})

@@ -35,7 +35,8 @@ def _after_move(values: Values) -> str:
     if values["kind"] == "camera":
         names = f"{name} or {later_name(name, values['since'])}"
         return f"take X before or after the move: uq-handeye export RESULT FILE --camera {names}"
-    return "take X of the fit with two targets: uq-handeye export RESULT FILE --camera NAME"
+    names = " or ".join(values.get("cameras", ())) or "NAME"
+    return f"take X of the fit with two targets: uq-handeye export RESULT FILE --camera {names}"
 
 
 def _or(others: Paths) -> str:
@@ -59,7 +60,7 @@ def _named(values: Mapping[str, Any]) -> str:
 )
 def _(
     kind: str, name: str, since: str | int, angle: float, shift: float, chi_square: float, p: float, others: Paths,
-    angle_sd: float | None = None, shift_sd: float | None = None,
+    angle_sd: float | None = None, shift_sd: float | None = None, cameras: Sequence[str] = (),
 ) -> str:  # fmt: skip
     what = _named({"kind": kind, "name": name})
     moved = _moved_by({"angle": angle, "angle_sd": angle_sd, "shift": shift, "shift_sd": shift_sd})
