@@ -11,10 +11,11 @@ import pytest
 from fixtures.commands import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
-from uq_handeye.cli.delivery import EXPORTS, FIGURES
+from uq_handeye.cli.delivery import FIGURES
 from uq_handeye.core.files.packed import unpacked
 from uq_handeye.read import write_pose_file
 from uq_handeye.report.figures import figures
+from uq_handeye.report.files import EXPORTS
 
 
 @pytest.fixture(scope="module")

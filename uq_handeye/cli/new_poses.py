@@ -203,6 +203,13 @@ class Session(NamedTuple):
         """Return the cameras of the result of a rig in place of ROBOT, where it has several and none is chosen."""
         return self.chosen.each(self.files.robot)
 
+    def whole(self) -> "Result | None":
+        """Return the result in place of ROBOT with all its cameras; None for files of poses."""
+        from ..calibration.load import load
+
+        file = self.files.robot
+        return load(file) if file is not None and is_result(file) else None
+
     def stored(self) -> "Calibration | None":
         """Return the result in place of ROBOT, of a rig one camera; None for files of poses."""
         file = self.files.robot

@@ -44,6 +44,9 @@ def diff_command(
     from ...calibration.load import load
     from ...use.maintenance.difference import difference, difference_document
 
+    stored = {file: load(file) for file in (old, new)}
+    if any(refused_as_not_usable(found, file, "compared") for file, found in stored.items()):
+        return ExitStatus.NOT_USABLE
     if cameras := chosen.each(old):
         return run_each(
             cameras,
@@ -51,12 +54,7 @@ def diff_command(
             output,
             lambda name, folder: diff_command(old, new, chosen._replace(of_camera=name), same, as_json, folder),
         )
-    both = []
-    for file in (old, new):
-        if refused_as_not_usable(found_in_file := load(file), file, "compared"):
-            return ExitStatus.NOT_USABLE
-        both.append(chosen.of(found_in_file, file))
-    found = difference(*both, same=names_of(same, ()))
+    found = difference(*(chosen.of(found, file) for file, found in stored.items()), same=names_of(same, ()))
     text = found.to_json()
     deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
         "diff.json": text, "diff.txt": found.summary()

@@ -91,6 +91,8 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
+    if (whole := session.whole()) is not None and refused_as_not_usable(whole, session.files.robot, "simulated"):
+        return ExitStatus.NOT_USABLE
     if cameras := session.each():
         return run_each(
             cameras,
