@@ -35,6 +35,7 @@ from .values import naming_option, one_of
 from .views import Views, views_of
 
 if TYPE_CHECKING:
+    from ..calibration.load import Result
     from ..calibration.result import Calibration
     from ..calibration.rig_result import RigCalibration
     from ..model.errors.models import Noise
