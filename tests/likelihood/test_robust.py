@@ -8,7 +8,7 @@ from support import SEED, difference, mean_interval, moved, random_covariance, r
 import uq_handeye as uq
 from uq_handeye.fit.graph import gauss_helmert as likelihood
 from uq_handeye.fit.graph.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
-from uq_handeye.fit.graph.robust import FULL, NO_WEIGHT, consensus, pose_distances, robust_fit, robust_weights
+from uq_handeye.fit.graph.robust import FULL, NO_WEIGHT, consensus, in_turns, pose_distances, robust_fit, robust_weights
 from uq_handeye.fit.graph.starts import start_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -358,3 +358,15 @@ def test_copies_of_too_few_poses():
     with pytest.raises(uq.DegenerateMotionError, match="Only 2 of the rows differ"):
         consensus(constraint_of(data, NOISE), NOISE, 0)
     assert len(robust_fit(data, NOISE).fit.open_directions) == 2  # about and along the axis of their one motion
+
+
+def test_a_weight_that_falls_to_nothing_is_zero():
+    """A mean of weights that comes ever nearer to 0 ends there: what is rejected counts as rejected."""
+    rounds = iter(range(100))
+
+    def fitted(weights, undamped):
+        k = next(rounds)
+        return k, np.array([1.0, float(k % 2 and undamped)])  # the second takes turns, then it is rejected
+
+    _, weights = in_turns(fitted, np.ones(2), lambda done: 0.01, 100)
+    assert weights.tolist() == [1.0, 0.0]

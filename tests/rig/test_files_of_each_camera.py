@@ -36,6 +36,7 @@ FAULTS = {
     "cm": (lambda C: longer(C, 100.0), "--units right=cm"),
     "inverse": (inverse, "--camera-frame right=target_T_camera"),
     "transposed": (transposed, "--rotation right=transposed"),
+    "size": (lambda C: longer(C, 1.1), "the size of the target is wrong"),
     "shifted": (lambda C: np.roll(C, 1, axis=0), "begins 1 row before"),
 }
 

@@ -141,7 +141,7 @@ def _of_files(pair: Pair, result: RigPoses | None) -> list[Finding]:
     if int(kept.sum()) < MIN_POSES:
         return found
     rest = poses if kept.all() else poses.rows(np.flatnonzero(kept))
-    found += check_fit(rest, X, None, covariance, None, _size(pair, result), sure=False, judged=True)
+    found += check_fit(rest, X, None, covariance, None, _size(pair, result), judged=True)
     if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in found):
         found += misread(poses, X, minority=2 * int(kept.sum()) < len(kept))
     turn = float(np.sqrt(np.mean(pose_residuals(poses.effective_robot, poses.camera, X)[0] ** 2)))

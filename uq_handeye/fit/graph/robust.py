@@ -372,7 +372,8 @@ def in_turns(
     """Fit and weights in turn until they converge: the fit, and the weights (n,) that it was made with.
 
     Two poses that predict each other, or a scale, may take turns: the mean of the weights ends it from half of the
-    rounds of a fit on, and later weights only fall.
+    rounds of a fit on, and later weights only fall. A mean that has come near 0 is 0 where that is asked for: a small
+    weight would keep what is rejected among what counts.
 
     Parameters
     ----------
@@ -392,7 +393,8 @@ def in_turns(
             wanted = np.minimum(wanted, weights)
         if np.abs(wanted - weights).max(initial=0.0) < still(k):
             return found, weights
-        weights = wanted if k < UNDAMPED_STEPS else 0.5 * (wanted + weights)
+        mean = np.where((wanted == 0) & (weights < 2.0 * still(k)), 0.0, 0.5 * (wanted + weights))
+        weights = wanted if k < UNDAMPED_STEPS else mean
     raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
 
 
