@@ -133,7 +133,7 @@ def test_the_signature_names_every_argument():
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        ("[1, 2]", "Expected a result file of format 'uq-handeye calibration 7', got .*1, 2"),
+        ("[1, 2]", "Expected a result file of format 'uq-handeye calibration 8', got .*1, 2"),
         ('{"format": "uq-handeye calibration 3"}', "calibration 3.*uq-handeye calibrate ROBOT CAMERA -o DIR"),
         ("{", "is not JSON"),
         ("", "is not JSON"),

@@ -9,9 +9,11 @@ from scipy.linalg import block_diag
 from scipy.stats import kstest
 
 import uq_handeye as uq
-from uq_handeye.fit.graph.posterior import FreshNoise, Posterior, SizePoints
+from uq_handeye.fit.graph.posterior import Posterior, SizePoints
 from uq_handeye.fit.graph.rows import NewRows
 from uq_handeye.model.errors.keys import ROBOT_ACCURACY, ROBOT_ROTATION, TARGET_SCALE, VIEW
+from uq_handeye.model.errors.sizes import Size
+from uq_handeye.model.errors.term import ErrorTerm
 
 D, Q, M, K = 6, 3, 4, 6
 N = 12 + Q
@@ -32,7 +34,7 @@ def posterior(rng):
     P = np.tensordot(w, C, axes=1) + (w * m.T) @ m
     back = np.linalg.inv(np.linalg.cholesky(P))
     points = SizePoints((VIEW, ROBOT_ACCURACY), rng.standard_normal((D, 2)), w, m @ back.T, back @ C @ back.T)
-    noise = (FreshNoise(ROBOT_ROTATION, "robot", np.eye(6), 0.5, rng.uniform(0.3, 0.8, D)),)
+    noise = (ErrorTerm(ROBOT_ROTATION, "robot", Size(0.5), block=np.eye(6)),)
     bound = tuple(np.tile(np.eye(4), (2, 5, 1, 1)))
     keys = (VIEW.number(1), TARGET_SCALE, ROBOT_ACCURACY.number(1))
     return Posterior(keys, rng.standard_normal(Q), P, points=points, noise=noise, bound=bound), C, m
@@ -86,14 +88,16 @@ def test_absorbing_is_bayes_at_known_sizes(posterior, rng):
 
 
 def test_it_comes_back_from_its_text(posterior, rng):
-    of = replace(posterior[0], points=None, noise=(replace(posterior[0].noise[0], by_point=np.zeros(0)),))
+    of = replace(posterior[0], points=None)
     again = Posterior.from_dict(json.loads(json.dumps(of.to_dict())))
     np.testing.assert_array_equal(again.covariance, of.covariance)
     assert again.keys == of.keys and again.noise[0].key == of.noise[0].key
+    assert again.noise[0].size == of.noise[0].size
+    np.testing.assert_array_equal(again.noise[0].block, of.noise[0].block)
     np.testing.assert_array_equal(again.bound[0], of.bound[0])
     wrong = of.to_dict()
-    wrong["noise"][0]["by_point"] = [1.0]
-    with pytest.raises(ValueError, match="sizes of other points"):
+    wrong["noise"][0]["block"] = [[1.0, 2.0]]
+    with pytest.raises(uq.InputError, match=r"posterior\.noise\.block to be numbers of shape"):
         Posterior.from_dict(wrong)
 
 

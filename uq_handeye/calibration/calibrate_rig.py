@@ -22,14 +22,15 @@ from ..fit.diagnostics.sandwich import Influence
 from ..fit.graph.constraint import MIN_RESOLVED_SHARE
 from ..fit.graph.declared import declared_of, request_to_dict
 from ..fit.graph.fit import RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
-from ..fit.graph.noise import RigNoise, given_key, given_noise
-from ..fit.graph.posterior import FreshNoise, Posterior
+from ..fit.graph.noise import RigNoise, given_noise
+from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
 from ..fit.graph.request import Request
 from ..fit.graph.sizes import SHARED, Found, components_of, find_sizes, width_of_targets
 from ..fit.graph.start import agreeing, start_of
 from ..fit.graph.weights import Distances, distances, fit_robustly
 from ..model.errors.key import Kind
+from ..model.errors.term import ErrorTerm
 from ..model.poses.pose_data import sha256_of
 from ..model.rig.description import Rig
 from ..model.rig.noise_by_name import NoiseByName, plain_noise
@@ -248,9 +249,7 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     names = tuple((arms[a], rig.arms[arms[a]].names[k]) for a, k in zip(graph.arm, graph.pose, strict=True))
     own = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(arms)]
     own += [("camera", name, noise.camera[k == graph.X]) for k, name in enumerate(cameras)]
-    fresh = tuple(
-        FreshNoise(given_key(side, name), side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S)
-    )
+    fresh = tuple(ErrorTerm.given(side, S.mean(axis=0), name) for side, name, S in own if len(S))
     if spread is not None:  # the noise was estimated
         findings = (*findings, *_noisy({name: _sizes(S) for side, name, S in own if side == "camera"}))
     return RigCalibration(

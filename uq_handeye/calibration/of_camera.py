@@ -24,13 +24,14 @@ from ..errors import InputError
 from ..fit.graph.graph import Graph
 from ..fit.graph.noise import RigNoise
 from ..fit.graph.open_directions import OpenDirections
-from ..fit.graph.posterior import FreshNoise, Posterior
+from ..fit.graph.posterior import Posterior
 from ..fit.graph.sizes import NUMBERS
 from ..model.errors.error_estimate import ErrorEstimate, resolved_share
 from ..model.errors.joint_covariance import JointCovariance
 from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import LENS, TARGET_SCALE
-from ..model.errors.models import PoseNoise
+from ..model.errors.models import PoseNoise, factor
+from ..model.errors.sizes import Size
 from ..model.errors.term import ErrorTerm
 from ..model.kinematics.errors import GROUPS
 from ..model.poses.motions import relative_motions
@@ -39,7 +40,7 @@ from ..model.poses.residuals import residuals, summarise
 from ..model.rig.description import WORLD, Rig
 from ..model.rig.selection import some_of
 from ..model.rig.single import single_of
-from ..model.shared_errors.view import LENS_SHARES, median_distance
+from ..model.shared_errors.view import LENS_SHARES, view_block
 from .analysis import FittedKinematics
 from .parts import Provenance
 from .prediction.noise_of_views import new_noise, parts_of, posterior_of
@@ -227,23 +228,23 @@ def _joined(K: Array, units: Array) -> Array:
     return found
 
 
-def _fresh(result: RigPoses, names: tuple[str, str], pair: Rig, noise: RigNoise) -> tuple[FreshNoise, ...]:
+def _fresh(result: RigPoses, names: tuple[str, str], pair: Rig, noise: RigNoise) -> tuple[ErrorTerm, ...]:
     """Return the noises of new poses of the arm and the camera."""
     lines = {ErrorKey.from_dict(line["key"]): float(line["size"]) for line in result.components}
     found = []
     C = np.concatenate([view.poses for view in pair.views])
     own = {Owner.ROBOT: noise.robot.mean(axis=0), Owner.CAMERA: noise.camera.mean(axis=0)}
-    eye = {Kind.ROTATION: np.diag([1.0] * 3 + [0.0] * 3), Kind.TRANSLATION: np.diag([0.0] * 3 + [1.0] * 3)}
+    by_view = view_block(C)
+    usual = factor((by_view @ by_view.mT).mean(axis=0))
+    blocks = {Kind.ROTATION: np.eye(6)[:, :3], Kind.TRANSLATION: np.eye(6)[:, 3:], Kind.BY_VIEW: usual}
     for owner, name in zip((Owner.ROBOT, Owner.CAMERA), names, strict=True):
         sizes = {kind: lines.get(ErrorKey(owner, kind, name=name)) for kind in _FRESH}
         if sizes[Kind.TRANSLATION] is None or pair.arms[names[0]].kinematics is not None:
-            found.append(FreshNoise(ErrorKey(owner, Kind.GIVEN), owner.value, own[owner], 1.0, np.zeros(0)))
+            found.append(ErrorTerm.given(owner.value, own[owner]))
             continue
         for kind, size in sizes.items():
             if size is not None:
-                far = median_distance(C) if kind == Kind.BY_VIEW else 0.0
-                S = eye.get(kind, np.zeros((6, 6)))
-                found.append(FreshNoise(ErrorKey(owner, kind), owner.value, S, size, np.zeros(0), far))
+                found.append(ErrorTerm(ErrorKey(owner, kind), owner.value, Size(size), block=blocks[kind]))
     return tuple(found)
 
 

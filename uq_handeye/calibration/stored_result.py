@@ -25,7 +25,7 @@ from ..errors import InputError
 
 R = TypeVar("R")
 
-FORMAT = "uq-handeye calibration 7"
+FORMAT = "uq-handeye calibration 8"
 # First words of the headline of a result that cannot be used.
 NOT_USABLE = "NOT USABLE"
 UNITS = {"rotation": "rad", "translation": "m"}

@@ -23,17 +23,16 @@ from ...core.geometry.se3 import Array, difference, perturb
 from ...core.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...fit.graph.constraint import Linearised, OnPoses, Unknowns
-from ...fit.graph.posterior import FreshNoise
 from ...fit.graph.rows import NewRows, at_points
 from ...model.errors.joint_covariance import JointCovariance, joint_of
-from ...model.errors.key import Kind, Owner
-from ...model.errors.keys import DRIFTS, GIVEN, ROBOT_ACCURACY, SCENE_EXCESS
+from ...model.errors.key import Owner
+from ...model.errors.keys import DRIFTS, ROBOT_ACCURACY, SCENE_EXCESS
 from ...model.errors.models import PoseNoise, is_joint, require_count
+from ...model.errors.term import ErrorTerm
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.assumed import drift_columns
 from ..estimated import Estimated
 from ..prediction.predict import (
-    NONE,
     RobotAhead,
     camera_at,
     fresh_of_camera,
@@ -48,7 +47,7 @@ from ..prediction.predict import (
 from .same_things import THINGS, checked_things, require_same
 
 # Noise of new poses of one side: a covariance of each, or noises of sizes that the calibration found.
-NoiseAhead: TypeAlias = Array | JointCovariance | tuple[FreshNoise, ...] | None
+NoiseAhead: TypeAlias = Array | JointCovariance | tuple[ErrorTerm, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +131,11 @@ def evidence_of_poses(
     arm = next((one for one in posterior.noise if one.key == ROBOT_ACCURACY), None)
     unseen = D_G @ ahead.unseen @ D_G.mT
     if arm is not None:
-        carried.append((FreshNoise(arm.key, "robot", NONE, arm.size, arm.by_point), unseen / arm.size**2))
+        carried.append((arm, unseen / arm.size.median**2))
         unseen = 0.0 * unseen
-    own = sum((one.size**2 * S for one, S in carried), unseen)
-    parts = tuple((one.key, S) for one, S in carried if len(one.by_point) and one.key.kind != Kind.GIVEN)
+    own = sum((one.size.median**2 * S for one, S in carried), unseen)
+    sizes_open = () if posterior.points is None else posterior.points.keys
+    parts = tuple((one.key, S) for one, S in carried if one.key in sizes_open)
     own_at = at_points(posterior, own, parts)
     by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, drift], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
@@ -231,7 +231,7 @@ def noise_of_pictures(result: Estimated, poses: PosePairs) -> Array | JointCovar
 
 def _noise_of(
     poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: NoiseAhead
-) -> tuple[tuple[FreshNoise, ...], Array]:
+) -> tuple[tuple[ErrorTerm, ...], Array]:
     """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
     S = otherwise if noise is None else getattr(noise, side)
     m = poses.n
@@ -239,12 +239,12 @@ def _noise_of(
         return S or (), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
     if (joint := joint_of(S)) is not None:
-        return (FreshNoise(GIVEN[Owner(side)], side, np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
+        return (ErrorTerm.given(side, np.asarray(joint.own)),), np.asarray(joint.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
         )
-    return (FreshNoise(GIVEN[Owner(side)], side, np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
+    return (ErrorTerm.given(side, np.broadcast_to(S, (m, 6, 6))),), np.zeros((m, 6, 0))
 
 
 class Residual(NamedTuple):

@@ -30,13 +30,12 @@ from ...core.geometry.checks import as_numbers, as_transforms, checked_covarianc
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
-from ...fit.graph.posterior import FreshNoise
 from ...fit.graph.rows import Joint, NewRows, at_points, factor_of
-from ...model.errors.key import ErrorKey, Kind, Owner
-from ...model.errors.keys import GIVEN, INTRINSICS, ROBOT_ACCURACY, TARGET_SCALE
+from ...model.errors.key import ErrorKey
+from ...model.errors.keys import INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY, TARGET_SCALE
+from ...model.errors.term import ErrorTerm
 from ..estimated import Estimated
 from ..prediction.predict import (
-    NONE,
     RobotAhead,
     own_noise,
     poses_so_far,
@@ -261,11 +260,11 @@ def _estimated(posterior: Joint) -> list[tuple[ErrorKey, float]]:
     """Noises of poses that the calibration estimated, as shares of their sum where their size is 1."""
     if posterior.points is None:
         return []
-    noise = [one for one in posterior.noise if one.key != ROBOT_ACCURACY and len(one.by_point)]
+    noise = [one for one in posterior.noise if one.key not in (ROBOT_ACCURACY, JOINT_NOISE)]
     weight = [float(np.trace(one.covariance)) for one in noise]
-    stated = sum(w * one.size**2 for w, one in zip(weight, noise, strict=True))
+    stated = sum(w * one.size.median**2 for w, one in zip(weight, noise, strict=True))
     named = zip(weight, noise, strict=True)
-    return [(one.key, w / stated) for w, one in named if one.key.kind != Kind.GIVEN] if stated > 0 else []
+    return [(one.key, w / stated) for w, one in named if one.key in posterior.points.keys] if stated > 0 else []
 
 
 def _sizes_at(posterior: Joint) -> Array:
@@ -303,7 +302,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     if touches.robot_noise is None:
         return ahead
     noise = np.broadcast_to(touches.robot_noise, ahead.noise.shape)
-    return ahead._replace(fresh=(FreshNoise(GIVEN[Owner.ROBOT], "robot", noise, 1.0, NONE),))
+    return ahead._replace(fresh=(ErrorTerm.given("robot", noise),))
 
 
 def _poses_of_points(result: Estimated, touches: Touches) -> Array:

@@ -22,7 +22,7 @@ too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias, Union
 
 import numpy as np
@@ -35,10 +35,12 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.graph.constraint import OnPoses, Unknowns
 from ...fit.graph.gauss_helmert import ESTIMATORS
-from ...fit.graph.posterior import FreshNoise, Posterior
+from ...fit.graph.posterior import Posterior
 from ...model.errors.joint_covariance import JointCovariance
-from ...model.errors.key import ErrorKey, Kind, Owner
-from ...model.errors.keys import GIVEN, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
+from ...model.errors.key import ErrorKey, Kind
+from ...model.errors.keys import BY_VIEW, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
+from ...model.errors.sizes import Size
+from ...model.errors.term import ErrorTerm
 from ...model.kinematics.elbow import elbow_moved
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, effects_of_errors, frame_key
@@ -47,7 +49,7 @@ from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.assumed import bound_again, error_by_number
 from ...model.shared_errors.shared_error import SharedError
-from ...model.shared_errors.view import target_centre, view_block
+from ...model.shared_errors.view import median_distance, target_centre, view_block
 from ..analysis import FittedKinematics
 from ..estimated import Estimated
 
@@ -59,8 +61,6 @@ PosesLike: TypeAlias = Union[ArrayLike, "RigidTransform"]
 # How far, along the joints, the elbow of an arm of seven axes is from where inverse kinematics places it at other
 # poses: RMS 1.3 to 1.9 rad of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
 ELBOW_OFFSET_RAD = 1.6
-# Of sizes that are known there are no points.
-NONE = np.zeros(0)
 
 
 def posterior_of(result: Estimated) -> Posterior:
@@ -104,9 +104,9 @@ class CameraPrediction(Record):
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
 
-def total_of(fresh: tuple[FreshNoise, ...], shape: tuple[int, ...]) -> Array:
+def total_of(fresh: tuple[ErrorTerm, ...], shape: tuple[int, ...]) -> Array:
     """(..., 6, 6) sum of the covariances of several noises."""
-    return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
+    return sum((one.size.median**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
 
 
 class RobotAhead(NamedTuple):
@@ -114,7 +114,7 @@ class RobotAhead(NamedTuple):
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
-    fresh: tuple[FreshNoise, ...]  # of joints and pose, drawn again
+    fresh: tuple[ErrorTerm, ...]  # of joints and pose, drawn again
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
     @property
@@ -304,7 +304,6 @@ def robot_ahead(
         q = fitted.checked(joints)
         G = fitted.poses(q, given)
         J = fitted.chain.jacobian(q, fitted.e)
-        of_joints: Array | None = J @ J.mT
         of_arm = [(k, place[part.key]) for k, part in enumerate(fitted.chain.errors) if part.key in place]
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
         if of_arm:
@@ -316,7 +315,7 @@ def robot_ahead(
                 columns[..., there] = -frame_columns(fitted.chain, q, group)
     else:
         assert given is not None
-        G, of_joints = given, None
+        G, J = given, None
         columns = np.zeros((*G.shape[:-2], 6, len(place)))
     flat = G.reshape(-1, 4, 4)
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
@@ -324,7 +323,7 @@ def robot_ahead(
     unseen = rest_of_robot(result, flat, measured and bool(posterior.noise)).reshape(*G.shape[:-2], 6, 6)
     if by_poses and fitted is not None and fitted.chain.n_joints > 6 and of_arm:
         unseen = unseen + _of_elbow(fitted, posterior, q, *np.array(of_arm).T)
-    return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
+    return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, J), unseen)
 
 
 def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Array, there: Array) -> Array:
@@ -348,48 +347,32 @@ def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Ar
     return np.asarray(S).reshape(*q.shape[:-1], 6, 6)
 
 
-def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tuple[FreshNoise, ...]:
-    posterior, fitted, found = posterior_of(result), result.kinematics, []
+def _fresh_of_robot(result: Estimated, J: Array | None) -> tuple[ErrorTerm, ...]:
+    """Noises of future robot poses; ``J`` (..., 6, L): their derivatives by the joints, where these are known."""
+    posterior, fitted = posterior_of(result), result.kinematics
     if not posterior.noise:
-        found.append(
-            FreshNoise(
-                GIVEN[Owner.ROBOT],
-                "robot",
-                np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)),
-                1.0,
-                NONE,
-            )
-        )
-        if of_joints is not None and fitted is not None:
-            found.append(FreshNoise(JOINT_NOISE, "robot", of_joints, fitted.joint_noise, NONE))
+        found = [ErrorTerm.given("robot", own_noise(result, "robot"))]
+        if J is not None and fitted is not None:
+            found.append(ErrorTerm(JOINT_NOISE, "robot", Size(fitted.joint_noise, unit="rad"), block=J))
         return tuple(found)
-    for one in posterior.noise:
-        if one.side != "robot" or one.key == ROBOT_ACCURACY or (one.key == JOINT_NOISE and of_joints is None):
-            continue
-        S = of_joints if one.key == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
-        assert S is not None
-        found.append(FreshNoise(one.key, one.side, S, one.size, one.by_point))
-    return tuple(found)
+    of_robot = [one for one in posterior.noise if one.side == "robot" and one.key != ROBOT_ACCURACY]
+    others = [one for one in of_robot if one.key != JOINT_NOISE]
+    of_joints = [] if J is None else [replace(one, block=J) for one in of_robot if one.key == JOINT_NOISE]
+    return (*others, *of_joints)
 
 
-def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
+def fresh_of_camera(result: Estimated, camera: Array) -> tuple[ErrorTerm, ...]:
     """Noises of future camera poses (m, 4, 4)."""
-    posterior, shape = posterior_of(result), (len(camera), 6, 6)
+    posterior, of = posterior_of(result), bound_to(result)
     if not posterior.noise:
-        return (
-            FreshNoise(GIVEN[Owner.CAMERA], "camera", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),
-        )
-    found = []
-    for one in posterior.noise:
-        if one.side == "camera":
-            S = np.broadcast_to(one.covariance, shape)
-            if one.distance > 0:
-                of = bound_to(result)
-                centre = np.zeros(3) if of is None else target_centre(of.camera, one.distance)
-                B = view_block(camera, one.distance, centre)
-                S = B @ B.mT
-            found.append(FreshNoise(one.key, one.side, S, one.size, one.by_point))
-    return tuple(found)
+        return (ErrorTerm.given("camera", own_noise(result, "camera")),)
+    found = [one for one in posterior.noise if one.side == "camera"]
+    if of is None:
+        return tuple(found)
+    distance = median_distance(of.camera)
+    centre = target_centre(of.camera, distance)
+    block = view_block(camera, distance, centre)
+    return tuple(replace(one, block=block) if one.key == BY_VIEW else one for one in found)
 
 
 def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:

@@ -32,16 +32,15 @@ from ...core.read_only import ReadOnlyArrays
 from ...core.rounding import CHAIN_ROUNDING
 from ...model.errors.joint_covariance import JointCovariance, joint_of
 from ...model.errors.key import ErrorKey, Kind, Owner
-from ...model.errors.keys import BY_VIEW, INTRINSICS, JOINT_NOISE
-from ...model.errors.models import Noise
+from ...model.errors.keys import INTRINSICS
+from ...model.errors.models import Noise, factor
 from ...model.errors.sizes import Size
 from ...model.errors.term import SIDES, ErrorTerm
-from ...model.shared_errors.view import median_distance
 from .engine import LatentModel, Rows
 from .estimation import FoundSizes
 from .integration import integrate
 from .mode import find_mode, other_modes
-from .posterior import Absorbed, FreshNoise, Posterior, SizePoints
+from .posterior import Absorbed, Posterior, SizePoints
 from .rows import NewRows, factor_of
 
 
@@ -137,11 +136,8 @@ class OpenSizes(ReadOnlyArrays):
             new.r - by_state @ at, np.concatenate([by_state @ L, more], axis=-1), new.own_of(of), _Gaussian(L)
         ).absorbed()
         p, move = model.p, at + told.mean
-        by_point = np.array([model.sizes(theta) for theta in mixture.theta])
         fresh = tuple(
-            replace(one, size=float(of[one.key]), by_point=by_point[:, self._number(one.key)])
-            if one.key in of
-            else replace(one, by_point=np.ones(len(by_point)))
+            replace(one, size=replace(one.size, median=float(of.get(one.key, one.size.median))))
             for one in self.base.noise
         )
         base = replace(self.base, estimate=self.base.estimate + move[p:], covariance=told.covariance, noise=fresh)
@@ -300,7 +296,7 @@ class _Gaussian(NamedTuple):
 
     A: Array
     points: None = None
-    noise: tuple[FreshNoise, ...] = ()
+    noise: tuple[ErrorTerm, ...] = ()
 
     @property
     def covariance(self) -> Array:
@@ -326,8 +322,7 @@ def with_open_sizes(
     outside the model, in that block.
     """
     model, mixture, source = found.model, found.mixture, found.source
-    sizes = np.array([model.sizes(theta) for theta in mixture.theta])  # (d, components)
-    base = replace(base, noise=_fresh(found, sizes))
+    base = replace(base, noise=_noise_of_new_poses(found))
     free = [source.components[k].key for k in model.free]
     if not free or found.reduced.basis is not None or model.p != base.p:
         return base
@@ -356,26 +351,22 @@ def with_open_sizes(
     ).with_columns_of(noise)  # fmt: skip
 
 
-def _fresh(found: FoundSizes, sizes: Array) -> tuple[FreshNoise, ...]:
-    """Return the noise of new poses: what is drawn again, with its sizes; mean covariances over the poses so far."""
-    source, listed = found.source, []
-    settled = found.model.sizes(found.mixture.mean_theta)
-    free = set(found.model.free.tolist())
-    for side in ("robot", "camera"):
-        if side in source.known and source.known[side].any():
-            listed.append(
-                FreshNoise(ErrorKey(Owner(side), Kind.GIVEN), side, _mean(source.known[side]), 1.0, np.ones(len(sizes)))
-            )
-    for k, part in enumerate(source.components):
-        if part.block is None:
-            continue
-        key, distance = part.key, 0.0
-        if key == BY_VIEW and source.poses is not None:
-            distance = median_distance(source.poses.camera)
-        covariance = np.zeros((6, 6)) if key == JOINT_NOISE else _mean(part.block @ part.block.mT)
-        by_point = sizes[:, k] if free else np.zeros(0)
-        listed.append(FreshNoise(key, part.side, covariance, float(settled[k]), by_point, distance))
-    return tuple(replace(one, by_point=one.by_point if free else np.zeros(0)) for one in listed)
+def _noise_of_new_poses(found: FoundSizes) -> tuple[ErrorTerm, ...]:
+    """Return what is drawn again at new poses, with the sizes that were found, at the mean over the poses so far."""
+    source, sizes = found.source, found.model.sizes(found.mixture.mean_theta).tolist()
+    known = {side: S for side in SIDES if (S := source.known.get(side)) is not None and S.any()}
+    given = [ErrorTerm.given(side, _mean(S)) for side, S in known.items()]
+    drawn = [
+        ErrorTerm(part.key, part.side, Size(size, unit=part.size.unit), block=_usual(part.block))
+        for part, size in zip(source.components, sizes, strict=True)
+        if part.block is not None
+    ]
+    return (*given, *drawn)
+
+
+def _usual(block: Array) -> Array:
+    """(6, b) block at a usual pose of (6, b) or (n, 6, b): of the mean covariance."""
+    return block if block.ndim == 2 else factor(_mean(block @ block.mT))
 
 
 def _mean(S: Array | JointCovariance) -> Array:

@@ -10,9 +10,9 @@ w_d (`graph.integration`), and s is a mixture,
 P is `covariance`, the mean square about the estimate. m_d and C_d are kept relative to it, ``L^-1 m_d`` and
 ``L^-1 C_d L^-T``, so that they stay with the posterior when it is refined. Where sizes are known there is one point.
 
-Noise of new measurements is independent (`FreshNoise`): its covariance at a pose times the square of its size at each
-point. Errors whose columns belong to poses (an unknown arm, the view) are computed at other poses from the poses that
-they were bound to, which are kept as well (`bound`).
+Noise of new measurements is independent: the covariance of its block at a pose times the square of its size, at each
+point of the sizes where that is open. Errors whose columns belong to poses (an unknown arm, the view) are computed at
+other poses from the poses that they were bound to, which are kept as well (`bound`).
 """
 
 from __future__ import annotations
@@ -20,43 +20,21 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.json_values import Json, JsonObject
-from ...core.files.records import Record, array_of
+from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.errors.key import ErrorKey
+from ...model.errors.sizes import Size
+from ...model.errors.term import ErrorTerm
 from .rows import NewRows, Test, factor_of
 from .selection import Selection, covariance_of, select
-
-
-@dataclass(frozen=True, eq=False)
-class FreshNoise(Record):
-    """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
-
-    ``covariance`` (6, 6) is that of size 1 at a usual pose, or (..., 6, 6) at each of some poses; what follows from the
-    pose itself (the view of the target, joints, errors of an arm beyond those it shares) is made there by its kind.
-    ``distance`` (m) goes with the view.
-    """
-
-    _where: ClassVar[str] = "posterior.noise"
-
-    key: ErrorKey
-    side: str
-    covariance: Annotated[Array, 6, 6]
-    size: float
-    by_point: Annotated[Array, "d"]  # (d,) sizes at the points; (0,) where the size is known
-    distance: float = 0.0
-
-    def _possible(self) -> FreshNoise:
-        if self.side not in ("robot", "camera"):
-            raise InputError(f"Expected {self._where} of the robot or the camera, got {self.side!r:.40}.")
-        return self
 
 
 class SizePoints(NamedTuple):
@@ -67,6 +45,10 @@ class SizePoints(NamedTuple):
     weights: Array  # (d,), of sum 1
     means: Array  # (d, N) L^-1 m_d
     covariances: Array  # (d, N, N) L^-1 C_d L^-T
+
+    def sizes_of(self, key: ErrorKey) -> Array:
+        """(d,) sizes at the points of an error whose size is open."""
+        return np.asarray(np.exp(self.theta[:, self.keys.index(key)]))
 
 
 class OpenSource(Protocol):
@@ -90,7 +72,7 @@ class Posterior(ReadOnlyArrays):
     covariance: Array  # (N, N), N = 6 b + q
     blocks: tuple[str, ...] = ("X", "W")
     points: SizePoints | None = None
-    noise: tuple[FreshNoise, ...] = ()
+    noise: tuple[ErrorTerm, ...] = ()  # drawn anew at each new pose, at a usual one, with the sizes found
     bound: tuple[Array, Array] | None = None  # robot and camera poses (n, 4, 4) that errors of poses were bound to
     times: Array | None = None  # (n,) s, of these poses
     source: OpenSource | None = field(default=None, repr=False)  # the rows that it is made of, where sizes are open
@@ -196,7 +178,7 @@ class Posterior(ReadOnlyArrays):
             return self.source.to_dict()
         more: JsonObject = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
         if self.noise:
-            more["noise"] = [one.to_dict() for one in self.noise]
+            more["noise"] = list(map(_noise_to_dict, self.noise))
         if self.bound is not None:
             more["bound"] = [poses[:, :3].tolist() for poses in self.bound]
         if self.times is not None:
@@ -216,10 +198,7 @@ class Posterior(ReadOnlyArrays):
         covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
         if (np.diag(covariance) < 0).any():
             raise ValueError("the posterior has a variance below 0")
-        noise = tuple(map(FreshNoise.from_dict, data.get("noise", ())))
-        count = 0 if data.get("open") is None else len(data["open"]["weights"])
-        if any(len(one.by_point) != count for one in noise):
-            raise ValueError("the noise of the posterior has sizes of other points")
+        noise = tuple(map(_noise_from_dict, data.get("noise", ())))
         bound, times = None, None
         if data.get("bound") is not None:
             robot, camera = (_poses(part) for part in data["bound"])
@@ -245,6 +224,18 @@ class Absorbed(NamedTuple):
 
     posterior: Posterior
     move: Array  # (N,) of s: the new estimate of a pose is the old one less its move, of an error the old one plus it
+
+
+def _noise_to_dict(noise: ErrorTerm) -> JsonObject:
+    assert noise.block is not None
+    size = {"size": noise.size.median, "unit": noise.size.unit}
+    return {"key": noise.key.to_dict(), "side": noise.side, **size, "block": noise.block.tolist()}
+
+
+def _noise_from_dict(data: dict[str, Any]) -> ErrorTerm:
+    block = array_of(data["block"], (6, len(data["block"][0])), "posterior.noise.block")
+    size = Size(float(data["size"]), unit=str(data["unit"]))
+    return ErrorTerm(ErrorKey.from_dict(data["key"]), data["side"], size, block=block)
 
 
 def _poses(rows: Sequence[Json]) -> Array:

@@ -44,6 +44,7 @@ from ...core.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...model.errors.cholesky import checked_cholesky, substitute
 from ...model.errors.joint_covariance import JointFactor
 from ...model.errors.key import ErrorKey
+from ...model.errors.term import ErrorTerm
 
 # Added to the diagonal of a covariance scaled to ones before its Cholesky factor is computed, and the least eigenvalue
 # where even so it has none.
@@ -60,7 +61,7 @@ class Joint(Protocol):
     @property
     def points(self) -> Any: ...  # `SizePoints`, or None
     @property
-    def noise(self) -> Any: ...  # of `FreshNoise`
+    def noise(self) -> tuple[ErrorTerm, ...]: ...
 
 
 class Test(NamedTuple):
@@ -124,7 +125,7 @@ class NewRows(ReadOnlyArrays):
 
     def own_of(self, sizes: Mapping[ErrorKey, float]) -> Array:
         """(m, k, k) own, with `parts` of other sizes."""
-        stated = {one.key: one.size for one in self.posterior.noise} if self.parts else {}
+        stated = {one.key: one.size.median for one in self.posterior.noise} if self.parts else {}
         more = ((sizes.get(key, stated[key]) ** 2 - stated[key] ** 2) * S for key, S in self.parts)
         return np.asarray(sum(more, np.asarray(self.own)))
 
@@ -347,8 +348,8 @@ def at_points(posterior: Joint, own: Array, parts: Sequence[tuple[ErrorKey, Arra
     """(d, m, k, k) own noise at each point of open sizes, of `NewRows` with these parts; none where all are known."""
     if posterior.points is None:
         return np.zeros(0)
-    of = {one.key: one for one in posterior.noise}
+    points, stated = posterior.points, {one.key: one.size.median for one in posterior.noise}
     found = np.repeat(own[None], len(posterior.points.weights), axis=0)
     for key, S in parts:
-        found += (of[key].by_point ** 2 - of[key].size ** 2)[:, None, None, None] * S
+        found += (points.sizes_of(key) ** 2 - stated[key] ** 2)[:, None, None, None] * S
     return found

@@ -4,7 +4,7 @@ The error enters on one side, as errors ``xi = (theta, tau)`` of the robot's or 
 poses (left rotation in rad, additive translation in m), in one of two ways or both:
 
 - ``columns`` K (n, 6, m), shared by all poses: ``xi_i = s K_i z``, z ~ N(0, I_m) drawn once;
-- ``block`` B (6, b) or (n, 6, b), drawn at each pose: ``xi_i = s B_i z_i``, z_i ~ N(0, I_b).
+- ``block`` B (6, b) or (..., 6, b), drawn at each pose: ``xi_i = s B_i z_i``, z_i ~ N(0, I_b).
 
 A covariance of camera poses that share their intrinsics has both, with one size. The size s is a number that is known,
 or log-normal with a median and a factor (one sigma of its logarithm).
@@ -22,6 +22,7 @@ from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .key import ErrorKey, Kind, Owner
+from .models import factor
 from .sizes import Size, SizeLike, checked_sizes
 
 SIDES = ("robot", "camera")
@@ -45,9 +46,9 @@ class ErrorTerm(ReadOnlyArrays):
             )
         if self.columns is None and self.block is None:
             raise InputError(f"Expected `columns` or `block` of the component {self.name!r}.")
-        for name, axes in (("columns", (3,)), ("block", (2, 3))):
+        for name in ("columns", "block"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, self._checked(name, axes))
+                object.__setattr__(self, name, self._checked(name))
         m = self.count
         keys = tuple(self.keys) or ((self.key,) if m == 1 else tuple(self.key.number(k + 1) for k in range(m)))
         if len(keys) != m:
@@ -55,19 +56,30 @@ class ErrorTerm(ReadOnlyArrays):
         object.__setattr__(self, "keys", keys)
         super().__post_init__()
 
-    def _checked(self, name: str, axes: tuple[int, ...]) -> Array:
+    def _checked(self, name: str) -> Array:
         given = np.asarray(getattr(self, name), dtype=float)
-        if given.ndim not in axes or given.shape[-2] != 6 or not np.isfinite(given).all():
-            shape = "(n, 6, m)" if name == "columns" else "(6, b) or (n, 6, b)"
+        fits = given.ndim == 3 if name == "columns" else given.ndim >= 2
+        if not fits or given.shape[-2] != 6 or not np.isfinite(given).all():
+            shape = "(n, 6, m)" if name == "columns" else "(6, b) or (..., 6, b)"
             raise InputError(
                 f"Expected `{name}` {shape} of the component {self.name!r}, finite, got shape {given.shape}."
             )
         return given
 
+    @classmethod
+    def given(cls, side: str, covariance: Array, name: str = "") -> ErrorTerm:
+        """Return the whole noise of a side as it was given, (6, 6) or (..., 6, 6); ``name`` of an arm or a camera."""
+        return cls(ErrorKey(Owner(side), Kind.GIVEN, name=name), side, Size(1.0), block=factor(covariance))
+
     @property
     def name(self) -> str:
         """The error in words."""
         return str(self.key)
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6) or (..., 6, 6) covariance of what is drawn at each pose, for a size of 1."""
+        return np.zeros((6, 6)) if self.block is None else np.asarray(self.block @ self.block.mT)
 
     @property
     def count(self) -> int:
