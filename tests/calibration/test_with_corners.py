@@ -14,6 +14,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.graph.gauss_helmert import efficient
 from uq_handeye.fit.graph.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.graph.noise_of_data import estimate_robot_noise
+from uq_handeye.model.errors.error_estimate import IN_NOISE
 from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.model.errors.keys import CAMERA_EXCESS, PICTURE_SHIFT, TARGET_SCALE
 from uq_handeye.model.errors.models import marginals
@@ -145,7 +146,11 @@ def test_files_and_reports(recording, tmp_path, method, without_rendering):
 @pytest.mark.slow
 def test_analysis_works_with_it(result):
     assert result.diagnostics.n == 20
-    assert [probe.covered for probe in result.diagnostics.probes] == [True, True, False]  # its target scale is in doubt
+    assert [probe.status == IN_NOISE for probe in result.diagnostics.probes] == [
+        True,
+        True,
+        False,
+    ]  # its target scale is in doubt
     assert result.split_half.possible and 1e-4 < result.split_half.p_value <= 1
     assert result.covariances["model"] is not None and result.covariances["sandwich"] is not None
     np.testing.assert_allclose(result.budget.covariances.sum(axis=0)[:6, :6], result.covariance, rtol=1e-6, atol=1e-18)

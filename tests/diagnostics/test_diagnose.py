@@ -23,6 +23,7 @@ from uq_handeye.fit.graph.gauss_helmert import corrected, efficient, maximum_lik
 from uq_handeye.fit.graph.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.graph.own_residuals import own_residuals
 from uq_handeye.fit.graph.robust import robust_fit
+from uq_handeye.model.errors.error_estimate import IN_NOISE
 from uq_handeye.model.errors.square_roots import cholesky_of, whiten
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 
@@ -362,8 +363,8 @@ def test_probes_are_numerical_derivatives(rng, setup, name, joint):
     h = 1e-5
     ends = [efficient(scaled(poses, name, s), noise, start=fit.X).X for s in (h, -h)]
     expected = 1e-3 * difference(ends[0], ends[1]) / (2 * h)
-    np.testing.assert_allclose(probe.shift, expected, atol=1e-4 * np.abs(expected).max())
-    np.testing.assert_allclose(probe.shift_sd**2, expected @ linalg.solve(fit.covariance_X, expected), rtol=1e-3)
+    np.testing.assert_allclose(probe.effect, expected, atol=1e-4 * np.abs(expected).max())
+    np.testing.assert_allclose(probe.share, expected @ linalg.solve(fit.covariance_X, expected), rtol=1e-3)
 
 
 def test_probes_on_motions(rng):
@@ -376,10 +377,10 @@ def test_probes_on_motions(rng):
     for probe in found.probes:
         ends = [efficient(uq.relative_motions(scaled(poses, probe.name, s)), noise, start=fit.X).X for s in (h, -h)]
         expected = 1e-3 * difference(ends[0], ends[1]) / (2 * h)
-        np.testing.assert_allclose(probe.shift, expected, atol=1e-4 * np.abs(expected).max())
+        np.testing.assert_allclose(probe.effect, expected, atol=1e-4 * np.abs(expected).max())
     bare = uq.Motions(motions.A, motions.B)
     alone = diagnose(efficient(bare, noise), bare, noise)
-    assert alone.item == "motion" and "not known" in str(alone.probes[0].reason)
+    assert alone.item == "motion" and not alone.probes[0].effect.size and alone.probes[0].alone is None
     assert not alone.asked_for
 
 
@@ -393,9 +394,9 @@ def test_scale_errors_are_estimated_as_by_one_more_unknown(rng, setup):
     white = whiten(cholesky_of(fit.S), np.concatenate([fit.linear.J, step, fit.residual[..., None]], axis=-1))
     design, r = white[..., :-1].reshape(-1, 13), white[..., -1].ravel()
     solution = np.linalg.lstsq(design, r)[0]
-    assert probe.estimate == pytest.approx(solution[-1], rel=1e-6)
+    assert probe.alone == pytest.approx(solution[-1], rel=1e-6)
     expected = max(1.0, found.sigma_0) * np.sqrt(linalg.inv(design.T @ design)[-1, -1])
-    assert probe.sd == pytest.approx(expected * inflation(found.autocorrelation), rel=1e-6)
+    assert probe.alone_sd == pytest.approx(expected * inflation(found.autocorrelation), rel=1e-6)
 
 
 def inflation(autocorrelation):
@@ -415,8 +416,7 @@ def test_residuals_that_follow_each_other_widen_the_deviation_of_a_scale_error(r
     plain = scale_errors(fit, lengths, max(1.0, found.sigma_0))
     widened = inflation(found.autocorrelation)
     for probe, other in zip(found.probes, plain, strict=True):
-        assert probe.estimate == pytest.approx(other.estimate) and probe.sd == pytest.approx(widened * other.sd)
-        assert probe.visible and abs(probe.z) < abs(other.z)
+        assert probe.alone == pytest.approx(other.alone) and probe.alone_sd == pytest.approx(widened * other.alone_sd)
 
 
 @pytest.mark.slow
@@ -425,10 +425,10 @@ def test_scale_errors_are_found_with_their_sign_and_size():
     z, estimates = [], []
     for k in range(100):
         poses = uq.simulate(30, noise=noise, seed=[SEED, 11, k])
-        z.append([p.z for p in diagnose(efficient(poses, noise), poses, noise).probes])
+        z.append([p.alone / p.alone_sd for p in diagnose(efficient(poses, noise), poses, noise).probes])
         spoilt = scaled(poses, "focal length", -0.01)  # given 1 % too short
         found = diagnose(efficient(spoilt, noise), spoilt, noise)
-        estimates.append(found.probes[0].estimate)
+        estimates.append(found.probes[0].alone)
     z = np.array(z)
     assert (np.abs(z) < 5).all() and (np.abs(z.mean(axis=0)) < 4 / np.sqrt(100)).all()
     assert (z.std(axis=0) < 1.25).all() and (z.std(axis=0) > 0.7).all()  # sigma_0 counts only where above 1
@@ -440,8 +440,8 @@ def test_scale_errors_are_found_with_their_sign_and_size():
 def test_target_and_robot_scale_look_alike(rng):
     poses = scaled(uq.simulate(30, noise=NOISE, seed=rng), "target scale", 0.05)
     found = diagnose(efficient(poses, NOISE), poses, NOISE)
-    assert found.probes[1].z == pytest.approx(-found.probes[2].z, rel=0.1)
-    assert found.probes[1].z > 4
+    target, robot = (probe.alone / probe.alone_sd for probe in found.probes[1:])
+    assert target == pytest.approx(-robot, rel=0.1) and target > 4
     assert {probe.name for probe in found.asked_for} >= {"target scale", "robot scale"}
     said = [text for text in found.warnings() if "not declared" in text]
     assert len(said) == 1 and "target scale +" in said[0] and " or robot scale -" in said[0]
@@ -449,11 +449,11 @@ def test_target_and_robot_scale_look_alike(rng):
 
 def test_what_the_noise_holds_is_not_asked_for(rng):
     poses = scaled(uq.simulate(20, noise=NOISE, seed=rng), "target scale", 0.05)
-    assert any(probe.asked_for for probe in diagnose(efficient(poses, NOISE), poses, NOISE).probes)
+    assert diagnose(efficient(poses, NOISE), poses, NOISE).asked_for
     wide = uq.SharedError.target_scale("10%")
     noise = with_shared(NOISE, shared_columns([wide], poses))
     found = diagnose(efficient(poses, noise), poses, noise)
-    assert [probe.covered for probe in found.probes] == [False, True, False]
+    assert [probe.status == IN_NOISE for probe in found.probes] == [False, True, False]
     assert not found.asked_for and not any("not declared" in text for text in found.warnings())
 
 
@@ -608,7 +608,7 @@ def test_focal_length_hides_from_independent_camera_noise(name):
         sd = np.sqrt(squares / (3 * len(poses) - 6))
     found = diagnose(fit, poses, noise)
     focal = found.probes[0]
-    assert focal.shift_sd > 1.5 and abs(focal.z) < 4  # it moves X by much, and hides
+    assert focal.share > 1.5**2 and abs(focal.alone / focal.alone_sd) < 4  # it moves X by much, and hides
     if name == "synthetic_camera_2":
         error = difference(fit.X, np.diag([1.0, -1.0, -1.0, 1.0]))
         assert error @ linalg.solve(fit.covariance_X, error) > 16.8  # the 99 % point of 6 degrees of freedom

@@ -134,7 +134,7 @@ def test_every_caution_of_the_program_has_a_phrase():
     notes = {
         *("diagnostics.direction", "diagnostics.joint_spectrum", "diagnostics.turning", "diagnostics.information"),
         *("diagnostics.strong_row", "diagnostics.not_tested", "diagnostics.gaussian", "diagnostics.no_pattern"),
-        *("diagnostics.scale_unknown", "diagnostics.halves_too_small", "diagnostics.halves_without_freedom"),
+        *("diagnostics.halves_too_small", "diagnostics.halves_without_freedom"),
         *("diagnostics.half_fails", "diagnostics.many_halves", "calibration.prior_agrees", "calibration.excluded"),
         *("calibration.shared_confounded", "kinematics.against_controller", "camera.bent_edges"),
         *("camera.corrected_by_robot", "camera.given_moved", "calibration.camera_scale", "calibration.scene_scale"),

@@ -14,9 +14,8 @@ from ...core.presentation.document import (
     Table,
 )
 from ...core.presentation.numbers import concise, digits
-from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
-from ...model.errors.error_estimate import ErrorEstimate
+from ...model.errors.error_estimate import IN_NOISE, ErrorEstimate
 from ...model.errors.keys import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE
 from ...model.shared_errors.shared_error import WRONG_SIZE
 from ..checks import included, shared_groups, sizes_of
@@ -67,8 +66,7 @@ def shared_blocks(result: Calibration) -> list[Block]:
 
 def look_alike(result: Calibration) -> bool:
     """Return whether the residuals indicate a scale that may be the target's or the robot's."""
-    probes = () if result.analysis is None else result.analysis.diagnostics.probes
-    asked = {probe.key for probe in probes if probe.asked_for}
+    asked = set() if result.analysis is None else {probe.key for probe in result.analysis.diagnostics.asked_for}
     asked |= {error.key for error in result.shared if error.key == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
 
@@ -93,15 +91,15 @@ def found_of(group: ErrorEstimate) -> str:
     return f"RMS {rms}; told {100 * group.resolved:.0f} %"
 
 
-def _undeclared(probe: ScaleError) -> str:
-    if probe.covered:
+def _undeclared(probe: ErrorEstimate) -> str:
+    if probe.status == IN_NOISE:
         return "in the covariance of the camera poses, with the other intrinsics"
-    if probe.reason is not None:
+    if not probe.effect.size:
         return "not declared: the distances from camera to target are not known"
-    move = f"0.1 % moves X by {digits(probe.shift_sd, 2)} of its standard deviations"
-    if not probe.visible:
+    move = f"0.1 % moves X by {digits(float(np.sqrt(probe.share)), 2)} of its standard deviations"
+    if probe.alone is None or probe.alone_sd is None:
         return f"not declared: the residuals do not show it; {move}"
-    return f"not declared: the residuals indicate {relative(probe.estimate, probe.sd)}; {move}"
+    return f"not declared: the residuals indicate {relative(probe.alone, probe.alone_sd)}; {move}"
 
 
 def amount(error: ErrorEstimate) -> str:

@@ -24,6 +24,7 @@ The tests of the residuals are in `residual_patterns`, the findings from all of 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -35,7 +36,7 @@ from ...core.levels import CONTRADICTED
 from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...core.rounding import TINY
 from ...errors import InputError
-from ...findings import Finding
+from ...model.errors.error_estimate import IN_NOISE, NOT_DECLARED, ErrorEstimate
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.key import ErrorKey
 from ...model.errors.keys import FOCAL_LENGTH, INTRINSICS, ROBOT_SCALE, TARGET_SCALE
@@ -47,7 +48,7 @@ from ..graph.constraint import covariances_of
 from ..graph.gauss_helmert import Fit, corrected
 from ..graph.shared_estimates import MIN_EXPLAINED_RATIO
 from .residual_patterns import Autocorrelation, residual_tests
-from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, ScaleError, Spectrum
+from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, Spectrum
 
 # A pose that sees the target this many times as far away as the median pose is in another unit.
 OTHER_UNIT_RATIO = 10.0
@@ -235,25 +236,27 @@ def scale_errors(
     lengths: dict[ErrorKey, tuple[int, Array] | None],
     inflation: float,
     covered: Collection[ErrorKey] = (),
-) -> tuple[ScaleError, ...]:
-    """Return the effect and the visibility of each of the ``lengths``; ``covered`` are those that the noise holds."""
+) -> tuple[ErrorEstimate, ...]:
+    """Return the effect of each of the ``lengths`` for a size of `REPORTED_SCALE`, and what the residuals say of it.
+
+    There is no effect where the change is not known. ``covered`` are those that the noise holds.
+    """
     known = {key: value for key, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
     k = np.concatenate(changes, axis=-1)  # (n, 6, probes)
     score, response, left = fit.told(k)
     before, after = np.sum(whiten(fit.weighted_factor, k) ** 2, axis=(0, 1)), 1.0 - np.diag(left)
     to_unit = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6]))
-    found: list[ScaleError] = []
+    found = []
     for key, value in lengths.items():
-        reason, shift, size, visible, estimate, sd = None, np.zeros(6), 0.0, False, 0.0, 0.0
-        if value is None:
-            reason = Finding("diagnostics.scale_unknown", "note", {"name": str(key)})
-        else:
+        status = IN_NOISE if key in covered else NOT_DECLARED
+        probe = ErrorEstimate(key, "robot" if key == ROBOT_SCALE else "camera", "", REPORTED_SCALE, status=status)
+        if value is not None:
             m = list(known).index(key)
-            shift = REPORTED_SCALE * response[:6, m]
-            size = float(np.linalg.norm(to_unit @ shift))
-            if visible := bool(after[m] > max(1e-9 * before[m], MIN_EXPLAINED_RATIO * 3 * len(k))):
+            effect = REPORTED_SCALE * response[:6, m]
+            probe = replace(probe, effect=effect, share=float(np.sum((to_unit @ effect) ** 2)))
+            if after[m] > max(1e-9 * before[m], MIN_EXPLAINED_RATIO * 3 * len(k)):
                 estimate, sd = float(score[m] / after[m]), inflation / float(np.sqrt(after[m]))
-        z = estimate / sd if visible else 0.0
-        found.append(ScaleError(key, reason, shift, size, visible, estimate, sd, z, key in covered))
+                probe = replace(probe, alone=estimate, alone_sd=sd)
+        found.append(probe)
     return tuple(found)

@@ -17,7 +17,7 @@ from ...core.geometry.se3 import Array
 from ...core.levels import CONTRADICTED, RARE
 from ...errors import InputError
 from ...findings import Finding, renumbered, texts
-from ...model.errors.key import ErrorKey
+from ...model.errors.error_estimate import NOT_DECLARED, ErrorEstimate
 from ...model.errors.keys import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import Autocorrelation, Normality, Regression
 
@@ -115,31 +115,6 @@ class Diversity(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class ScaleError(Record):
-    """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
-
-    key: ErrorKey
-    reason: Finding | None  # why its effect is not known
-    shift: Annotated[Array, 6]  # (6,) of X for 0.1 %, rad and m
-    shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
-    visible: bool  # whether residuals can show it at all
-    estimate: float  # relative error of the lengths as given
-    sd: float
-    z: float
-    covered: bool  # the noise holds it: declared, or the focal length estimated with the camera poses
-
-    @property
-    def name(self) -> str:
-        """The error in words."""
-        return str(self.key)
-
-    @property
-    def asked_for(self) -> bool:
-        """True if the residuals indicate it beyond chance."""
-        return not self.covered and self.visible and self.z**2 > RARE.chi_square(1)
-
-
-@dataclass(frozen=True, eq=False)
 class Diagnostics(Record):
     """All of `diagnose`, and in ``findings`` what it comes to; ``sentences()`` says it in words."""
 
@@ -154,7 +129,7 @@ class Diagnostics(Record):
     autocorrelation: Autocorrelation
     normality: Normality
     regression: Regression
-    probes: tuple[ScaleError, ...]
+    probes: tuple[ErrorEstimate, ...]  # of the errors `PROBED`, as `scale_errors` makes them
     numbers: tuple[int, ...] | None = None  # of the rows in the data, where some of the data are excluded
 
     @cached_property
@@ -174,9 +149,16 @@ class Diagnostics(Record):
         )
 
     @property
-    def asked_for(self) -> tuple[ScaleError, ...]:
-        """Shared errors that were not declared and that the residuals indicate."""
-        return tuple(probe for probe in self.probes if probe.asked_for)
+    def asked_for(self) -> tuple[ErrorEstimate, ...]:
+        """Shared errors that were not declared and that the residuals indicate beyond chance."""
+        return tuple(
+            probe
+            for probe in self.probes
+            if probe.status == NOT_DECLARED
+            and probe.alone is not None
+            and probe.alone_sd is not None
+            and probe.alone**2 > RARE.chi_square(1) * probe.alone_sd**2
+        )
 
     @property
     def correlated(self) -> bool:
@@ -204,8 +186,6 @@ class Diagnostics(Record):
             raise InputError(f"Expected {self.n} row numbers among the diagnostics, got {numbers!r:.60}.")
         if tuple(probe.key for probe in self.probes) != PROBED:
             raise InputError(f"Expected the errors of {', '.join(map(str, PROBED))} among the diagnostics.")
-        if not all(probe.sd >= 0 and probe.shift_sd >= 0 for probe in self.probes):
-            raise InputError("Expected standard deviations of 0 or more among the diagnostics.")
         for name in ("autocorrelation", "normality", "regression"):
             test = getattr(self, name)
             empty = any(value is None or np.size(value) == 0 for key, value in vars(test).items() if key != "reason")
@@ -252,8 +232,9 @@ class Diagnostics(Record):
         return [_caution("pattern", item=self.item, correlated=self.correlated, **values)]
 
     def _of_shared_errors(self) -> list[Finding]:
-        names = ("name", "estimate", "sd")
-        errors = [{name: getattr(probe, name) for name in names} for probe in self.asked_for]
+        errors: list[dict[str, str | float | None]] = [
+            {"name": probe.name, "estimate": probe.alone, "sd": probe.alone_sd} for probe in self.asked_for
+        ]
         return [_caution("undeclared", errors=errors)] if errors else []
 
 

@@ -266,12 +266,6 @@ sentence("diagnostics.no_pattern", "The residuals show no linear pattern over th
 
 # -------------------------------------------------------------------------------------- errors that all rows share
 
-sentence(
-    "diagnostics.scale_unknown",
-    "The effect of the {name} is not known, because the distances from camera to target are not known.",
-)
-
-
 # Options that declare an error, and a value that takes a measurement: better than what is assumed.
 DECLARE = {
     FOCAL_LENGTH: ("--shared 'focal length={}'", "0.03%"),

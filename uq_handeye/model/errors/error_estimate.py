@@ -25,6 +25,8 @@ from .sizes import RobotAccuracy
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px"), "": (1.0, "")}
 # A size with one of these was not estimated, and has no interval.
 GIVEN = ("fixed", "exact", "given", "from corners", "from points", "from the scene", "by geometry")
+# Status of an error that is no part of the model, and of one that the covariance of the poses holds without a name.
+NOT_DECLARED, IN_NOISE = "not declared", "in the noise"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class ErrorEstimate(Record):
     "not told apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors;
     ``high`` is then not determined: None); "from corners", "from points", "from the scene",
     "by geometry" (of the camera poses, from their own covariance: root of the mean variance); "given" (the pixel noise
-    of it).
+    of it). "not declared" and "in the noise" (of an error that the model does not have by itself): ``size`` is the one
+    that ``effect`` and ``share`` are stated for, which may be above 1.
     """
 
     _in_file: ClassVar[str] = (
@@ -136,7 +139,8 @@ class ErrorEstimate(Record):
     def _possible(self) -> ErrorEstimate:
         known = (self.alone is None) == (self.alone_sd is None) and (self.alone_sd is None or self.alone_sd > 0)
         focal = self.focal_length_px is None or self.focal_length_px > 0
-        shares = 0 <= self.resolved <= 1 and 0 <= self.share <= 1
+        in_model = self.status not in (NOT_DECLARED, IN_NOISE)
+        shares = 0 <= self.resolved <= 1 and self.share >= 0 and (self.share <= 1 or not in_model)
         size = self.size > 0 or not self.effect.size
         if not (known and focal and shares and size and self.size >= 0 and self.sd >= 0 and self.effect.size in (0, 6)):
             raise InputError(f"Expected numbers of the error {self.name!r} that can be.")
