@@ -59,8 +59,9 @@ if _typing.TYPE_CHECKING:
     from .model.errors.joint_covariance import JointCovariance
     from .model.errors.known_values import parse_known_values
     from .model.errors.models import PairNoise, PoseNoise
-    from .model.errors.noise_estimate import NoiseEstimate, NoisePrior
+    from .model.errors.noise_estimate import NoiseEstimate
     from .model.errors.pose_prior import PosePrior
+    from .model.errors.sizes import NoisePrior
     from .model.errors.term import Component
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
@@ -321,10 +322,8 @@ _LATER = {
     "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
     "use.maintenance.difference": ("Difference", "difference"),
     "use.maintenance.update": ("include_touches", "update"),
-    "model.errors.noise_estimate": (
-        "NoiseEstimate",
-        "NoisePrior",
-    ),
+    "model.errors.noise_estimate": ("NoiseEstimate",),
+    "model.errors.sizes": ("NoisePrior",),
     "model.errors.joint_covariance": ("JointCovariance",),
     "model.errors.camera_noise": ("CameraNoise",),
     "model.errors.known_values": ("parse_known_values",),

@@ -18,7 +18,7 @@ from uq_handeye.model.errors.error_estimate import IN_NOISE
 from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.model.errors.keys import CAMERA_EXCESS, PICTURE_SHIFT, TARGET_SCALE
 from uq_handeye.model.errors.models import marginals
-from uq_handeye.model.errors.noise_estimate import NoisePrior
+from uq_handeye.model.errors.sizes import NoisePrior
 
 
 def calibrate(poses, **options):

@@ -19,8 +19,7 @@ from uq_handeye.fit.graph.mode import Mode, find_mode, other_modes
 from uq_handeye.fit.graph.reference import Reference
 from uq_handeye.fit.graph.starts import start_of
 from uq_handeye.model.errors.keys import ROBOT_ACCURACY, TARGET_SCALE
-from uq_handeye.model.errors.noise_estimate import NoisePrior
-from uq_handeye.model.errors.sizes import Size
+from uq_handeye.model.errors.sizes import NoisePrior, Size
 from uq_handeye.model.errors.term import Component
 from uq_handeye.model.shared_errors.shared_error import SharedError
 

@@ -13,7 +13,8 @@ import uq_handeye as uq
 from uq_handeye.fit.graph.gauss_helmert import bound, efficient
 from uq_handeye.fit.graph.goodness_of_fit import effective_dof, goodness_of_fit
 from uq_handeye.fit.graph.noise_of_data import estimate_noise
-from uq_handeye.model.errors.noise_estimate import NoiseEstimate, NoisePrior
+from uq_handeye.model.errors.noise_estimate import NoiseEstimate
+from uq_handeye.model.errors.sizes import NoisePrior
 
 SIDES = ("robot", "camera")
 WEAK_ROBOT = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

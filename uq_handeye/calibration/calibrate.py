@@ -9,13 +9,12 @@ result; the alternative is a published method (`published_fit`). Where no noise 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.records import plain
 from ..core.threads import one_thread
 from ..errors import (
     DegenerateMotionError,
@@ -34,7 +33,7 @@ from ..fit.graph.screws import scale_by_screws
 from ..model.camera.adjustment.linearised import with_pictures
 from ..model.errors.keys import CAMERA_SCALE
 from ..model.errors.models import PoseNoise
-from ..model.errors.sizes import Size
+from ..model.errors.sizes import Size, prior_to_dict
 from ..model.poses.camera_scale import CameraScale
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
@@ -355,7 +354,7 @@ def _origin(job: Job, data: PosePairs | Motions, method: str, selection: Selecti
         "kind": request.kind,
         "covariance": request.covariance,
         "robust": job.robust,
-        "prior": None if request.prior is None else plain(asdict(request.prior)),
+        "prior": None if request.prior is None else prior_to_dict(request.prior),
         **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
         "seed": int(request.seed),
         "correlation": request.correlation,

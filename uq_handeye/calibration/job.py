@@ -24,7 +24,7 @@ from ..model.errors.joint_covariance import JointCovariance
 from ..model.errors.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
 from ..model.errors.models import Noise, PoseNoise, require_count, with_prior
 from ..model.errors.pose_prior import PosePrior
-from ..model.errors.sizes import checked_sizes
+from ..model.errors.sizes import OF_SHEETS, checked_sizes
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     KinematicColumns,
@@ -269,7 +269,7 @@ def _errors_of(
     """Return the errors that count, bound to the poses and with the sizes that were given."""
     found = _listed(listed, poses, noise, request, camera)
     prior = request.prior
-    declared = prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
+    declared = prior is not None and all(key in prior and prior[key].is_known for key in OF_SHEETS["robot"])
     without = {ROBOT_ACCURACY} if robot_known or declared or _stands(poses) else set()
     if not request.by_likelihood or poses is None or poses.truth is not None:
         without = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}

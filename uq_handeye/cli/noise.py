@@ -1,6 +1,6 @@
 """Options of the noise of robot and camera poses, also as a prior by data sheets."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,9 @@ from .values import by_names, naming_option
 
 if TYPE_CHECKING:
     from ..core.geometry.conventions import CovarianceReading
+    from ..model.errors.key import ErrorKey
     from ..model.errors.models import Noise, PoseNoise
-    from ..model.errors.noise_estimate import NoisePrior
+    from ..model.errors.sizes import Size
     from ..model.errors.stated_noise import StatedNoise
     from ..model.poses.pose_pairs import PosePairs
 
@@ -61,11 +62,11 @@ class NoiseOptions:
         with naming_option("--covariance-convention"):
             return CovarianceReading.parse(self.covariance_convention)
 
-    def read(self) -> "tuple[Noise | StatedNoise | None, NoisePrior | None]":
+    def read(self) -> "tuple[Noise | StatedNoise | None, Mapping[ErrorKey, Size] | None]":
         """Return the noise of the options, or a prior if they name one side only."""
         from ..model.errors.models import PoseNoise
-        from ..model.errors.noise_estimate import NoisePrior
         from ..model.errors.noise_toml import read_stated_noise
+        from ..model.errors.sizes import NoisePrior
 
         if self.noise is not None:
             noise = read_stated_noise(self.noise, self.reading)
@@ -94,7 +95,7 @@ class Given(NamedTuple):
     """Noise and shared errors as given."""
 
     noise: "Noise | StatedNoise | None"
-    prior: "NoisePrior | None"  # what is known beforehand: one side as given, or data sheets
+    prior: "Mapping[ErrorKey, Size] | None"  # what is known beforehand: one side as given, or data sheets
     shared: SharedOptions
     file: Path | None  # noise file, which may hold shared errors too
     reading: "CovarianceReading | None" = None  # of covariances that come with poses
@@ -160,20 +161,23 @@ def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":
     return noise
 
 
-def exact_other_side(known: "NoisePrior") -> "PoseNoise":
+def exact_other_side(known: "Mapping[ErrorKey, Size]") -> "PoseNoise":
     """Return the noise with the side that is not given taken as exact."""
     from ..model.errors.models import PoseNoise
+    from ..model.errors.sizes import OF_SHEETS
 
-    rotation, translation, *camera = known.values.tolist()
-    if not any(value > 0 for value in known.values.tolist()):
+    if not any(size.median > 0 for size in known.values()):
         raise InputError(BOTH_EXACT)
-    robot = None if known.robot is None else (rotation, translation)
-    return PoseNoise.isotropic(robot, None if known.camera is None else (camera[0], camera[1]))
+    robot, camera = (
+        (known[rotation].median, known[translation].median) if rotation in known else None
+        for rotation, translation in (OF_SHEETS["robot"], OF_SHEETS["camera"])
+    )
+    return PoseNoise.isotropic(robot, camera)
 
 
 def prior_of(
     robot_prior: str | None = None, camera_prior: str | None = None, prior_factor: float = 2.0
-) -> "NoisePrior | None":
+) -> "Mapping[ErrorKey, Size] | None":
     """Return the prior of the data sheets, or None if none is given.
 
     Options (Noise):
@@ -182,7 +186,7 @@ def prior_of(
       --camera-prior ROT,TRANS: Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.
       --prior-factor FACTOR: Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.
     """
-    from ..model.errors.noise_estimate import NoisePrior
+    from ..model.errors.sizes import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None
@@ -190,7 +194,9 @@ def prior_of(
     return NoisePrior(robot, camera, prior_factor)
 
 
-def noise_of(given: Annotated["Given", given_of], prior: Annotated["NoisePrior | None", prior_of]) -> Given:
+def noise_of(
+    given: Annotated["Given", given_of], prior: Annotated["Mapping[ErrorKey, Size] | None", prior_of]
+) -> Given:
     """Return noise and shared errors of the options, with the prior of the data sheets."""
     if prior is None:
         return given

@@ -255,7 +255,8 @@ class PoseFiles(StreamFiles):
                 raise InputError(f"{exact} no noise can be estimated. Give --robot-noise and --camera-noise.")
             return poses, found.noise, []
         if not isinstance(found.noise, PoseNoise):
-            side = "--robot-noise" if given.prior is not None and given.prior.camera is not None else "--camera-noise"
+            of_camera = any(key.owner == "camera" for key in given.prior or ())
+            side = "--robot-noise" if of_camera else "--camera-noise"
             raise InputError(f"{exact} the other noise cannot be estimated. Give {side}, or {side} {EXACT}.")
         known = noise is not None or poses.intrinsics_covered
         listed = replace_defaults((), known) if shared is None else shared

@@ -1,5 +1,6 @@
 """Options of camera poses from other programs: target and camera matrix, by which the camera noise is modelled."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
     from ..model.camera.known_intrinsics import KnownIntrinsics
     from ..model.camera.result import CameraCalibration
     from ..model.errors.camera_noise import CameraNoise
+    from ..model.errors.key import ErrorKey
     from ..model.errors.models import Noise, PoseNoise
-    from ..model.errors.noise_estimate import NoisePrior
+    from ..model.errors.sizes import Size
     from ..model.poses.pose_pairs import PosePairs
 
 
@@ -60,12 +62,12 @@ class Views(NamedTuple):
     intrinsics: str | None  # estimated, exact, or None: as stated by the camera
 
     def noise_with(
-        self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
+        self, poses: "PosePairs", noise: "Noise | None", prior: "Mapping[ErrorKey, Size] | None"
     ) -> "CameraNoise | PoseNoise":
         """Return the noise of the poses, with the robot noise if it is given."""
         from ..model.errors.models import PoseNoise
 
-        if prior is not None and prior.camera is not None:
+        if any(key.owner == "camera" for key in prior or ()):
             raise InputError(
                 "The camera noise follows from the views (--camera-matrix, --pixel-noise). Remove --camera-noise and "
                 "--camera-prior, or these."

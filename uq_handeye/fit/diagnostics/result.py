@@ -232,8 +232,10 @@ class Diagnostics(Record):
         return [_caution("pattern", item=self.item, correlated=self.correlated, **values)]
 
     def _of_shared_errors(self) -> list[Finding]:
-        errors: list[dict[str, str | float | None]] = [
-            {"name": probe.name, "estimate": probe.alone, "sd": probe.alone_sd} for probe in self.asked_for
+        errors: list[dict[str, str | float]] = [
+            {"name": probe.name, "estimate": probe.alone, "sd": probe.alone_sd}
+            for probe in self.asked_for
+            if probe.alone is not None and probe.alone_sd is not None
         ]
         return [_caution("undeclared", errors=errors)] if errors else []
 

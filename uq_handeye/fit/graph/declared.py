@@ -7,17 +7,14 @@ holds for all errors of its name, ``left:camera rotation`` for those of one. Wha
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...errors import InputError
-from ...model.errors.key import ErrorKey, Kind, Owner
-from ...model.errors.keys import ROBOT_ACCURACY, ROBOT_ROTATION, TARGET_SCALE
-from ...model.errors.noise_estimate import NoisePrior
-from ...model.errors.sizes import SIZES, Size
+from ...model.errors.key import ErrorKey, Owner
+from ...model.errors.keys import ROBOT_ACCURACY, TARGET_SCALE
+from ...model.errors.sizes import SIZES, Size, prior_from_dict, prior_to_dict
 from ...model.errors.term import ErrorTerm
 from ...model.shared_errors.assumed import OF_VIEWS
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
@@ -49,11 +46,10 @@ def with_declared(parts: Sequence[ErrorTerm], request: Request) -> tuple[ErrorTe
                 continue
             if error.key.of("") != ROBOT_ACCURACY:  # whose component is made of what was declared
                 size = Size(float(error.sd[0]), error.factor, size.unit, "declared")
-        if (value := _by_prior(request.prior, plain)) is not None:
-            assert request.prior is not None
-            if value == 0:
+        if (sheet := (request.prior or {}).get(plain)) is not None:
+            if sheet.median == 0:
                 continue
-            size = Size(value, request.prior.factor, size.unit, "declared")
+            size = sheet
         for name in (str(plain), f"{part.key.name}:{plain}"):
             if name in given:
                 one: Any = given[name]
@@ -66,15 +62,6 @@ def with_declared(parts: Sequence[ErrorTerm], request: Request) -> tuple[ErrorTe
             f"{unknown[0]!r}. It has {names}."
         )
     return tuple(found)
-
-
-def _by_prior(prior: NoisePrior | None, key: ErrorKey) -> float | None:
-    """Return the standard deviation that a data sheet gives an arm's or a camera's noise of each pose."""
-    if prior is None or key.owner not in ("robot", "camera") or key.kind not in (Kind.ROTATION, Kind.TRANSLATION):
-        return None
-    row = 0 if key.owner == ROBOT_ROTATION.owner else 2
-    value = float(prior.values[row + (key.kind == Kind.TRANSLATION)])
-    return None if np.isnan(value) else value
 
 
 def further_errors(request: Request, parts: Sequence[ErrorTerm]) -> list[SharedError]:
@@ -104,7 +91,7 @@ def request_to_dict(request: Request) -> JsonObject:
         "covariance": request.covariance,
         **({} if not errors else {"errors": errors}),
         **({} if not sizes else {"sizes": {name: [size.median, size.factor] for name, size in sizes.items()}}),
-        **({} if request.prior is None else {"prior": asdict(request.prior)}),
+        **({} if request.prior is None else {"prior": prior_to_dict(request.prior)}),
     }
 
 
@@ -113,7 +100,7 @@ def request_from_dict(data: Mapping[str, Any]) -> Request:
     sizes = {
         name: Size(float(median), float(factor), unit_of(name)) for name, (median, factor) in data["sizes"].items()
     } if data.get("sizes") else None  # fmt: skip
-    prior = None if data.get("prior") is None else NoisePrior(**data["prior"])
+    prior = None if data.get("prior") is None else prior_from_dict(data["prior"])
     errors = [SharedError.from_dict(one) for one in data.get("errors", ())] or None
     return Request(
         method=data["method"], robust=data["robust"], seed=data["seed"], covariance=data.get("covariance", "model"),

@@ -39,7 +39,6 @@ from ...model.errors.keys import (
     SCENE_FEATURES,
 )
 from ...model.errors.models import Noise, PairNoise, PoseNoise, marginals
-from ...model.errors.noise_estimate import NoisePrior
 from ...model.errors.pose_prior import PosePrior
 from ...model.errors.sizes import BY_NAME, SIZES, Size
 from ...model.errors.square_roots import Covariance
@@ -74,7 +73,7 @@ class JointModel:
     """Components of one data set, as declared or left to the data; see the module."""
 
     constraint: Constraint
-    prior: NoisePrior = field(default_factory=NoisePrior)
+    prior: Mapping[ErrorKey, Size] = field(default_factory=dict)  # of the noise, by data sheets
     camera: Covariance | CameraNoise | None = (
         None  # covariance of the camera poses, or CameraNoise; None: to be estimated
     )
@@ -97,7 +96,7 @@ class JointModel:
         cls,
         constraint: Constraint,
         poses: PosePairs | None,
-        prior: NoisePrior | None = None,
+        prior: Mapping[ErrorKey, Size] | None = None,
         camera: Covariance | CameraNoise | None = None,
         robot: Covariance | None = None,
         errors: tuple[SharedError, ...] = (),
@@ -115,8 +114,8 @@ class JointModel:
                 how, excess = "from the scene", poses.camera_covariance
             if poses.camera_calibration is not None:
                 excess, shift = poses.camera_calibration.per_pixel, poses.camera_calibration.by_shift
-        prior = NoisePrior() if prior is None else prior
-        if camera is not None and not np.isnan(prior.values[2:]).all():
+        prior = prior or {}
+        if camera is not None and any(key.owner == Owner.CAMERA for key in prior):
             known = (
                 "but for that of their pixels" if isinstance(camera, CameraNoise) else how.replace("from", "from their")
             )
@@ -170,18 +169,15 @@ class JointModel:
         return found
 
     def _noise(self) -> list[ErrorTerm]:
-        values = self.prior.values.reshape(2, 2)
         found = []
         for k, side in enumerate(("robot", "camera")):
             if getattr(self, side) is not None:
                 continue
-            for part, (what, block) in enumerate(zip(KINDS, (_TURN, _SHIFT), strict=True)):
-                value, key = float(values[k, part]), ErrorKey(Owner(self.sides[k]), what)
-                size = SIZES[ErrorKey(Owner(side), what)]
-                if not np.isnan(value):
-                    size = replace(size, median=value, factor=self.prior.factor, source="declared")
-                found.append(ErrorTerm(key, side, size, block=block))
-            if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
+            sheet = {key.kind: size for key, size in self.prior.items() if key.owner == Owner(side)}
+            for what, block in zip(KINDS, (_TURN, _SHIFT), strict=True):
+                size = sheet.get(what, SIZES[ErrorKey(Owner(side), what)])
+                found.append(ErrorTerm(ErrorKey(Owner(self.sides[k]), what), side, size, block=block))
+            if side == "camera" and self.poses is not None and not sheet:
                 block = view_block(self.poses.camera) if self.by_view is None else self.by_view
                 found.append(ErrorTerm(BY_VIEW, side, SIZES[BY_VIEW], block=block))
                 found.append(ErrorTerm(DEPTH, side, SIZES[DEPTH], block=lines_of_sight(self.poses.camera)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,8 +10,10 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.errors.camera_noise import CameraNoise
+from ...model.errors.key import ErrorKey
 from ...model.errors.models import PoseNoise
-from ...model.errors.noise_estimate import NoiseEstimate, NoisePrior
+from ...model.errors.noise_estimate import NoiseEstimate
+from ...model.errors.sizes import Size
 from ...model.errors.square_roots import Covariance
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
@@ -24,7 +26,7 @@ from .starts import sound_start, start_of
 
 def estimate_noise(
     data: PosePairs | Motions,
-    prior: NoisePrior | None = None,
+    prior: Mapping[ErrorKey, Size] | None = None,
     *,
     start: Array | None = None,
     weights: Array | None = None,
@@ -99,7 +101,7 @@ def estimate_noise(
 def estimate_robot_noise(
     data: PosePairs,
     camera: Covariance | CameraNoise,
-    prior: NoisePrior | None = None,
+    prior: Mapping[ErrorKey, Size] | None = None,
     *,
     start: Array | None = None,
 ) -> NoiseEstimate:

@@ -15,6 +15,7 @@ from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import CAMERA_EXCESS, JOINT_NOISE, PICTURE_SHIFT, PIXELS, SCENE_EXCESS
 from ...model.errors.noise_estimate import NoiseEstimate, together
 from ...model.errors.sizes import SIZES
+from ...model.errors.term import SIDES
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from .estimation import INTERVAL_SD, KINDS, MAX_RESOLVED_SPREAD, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings
@@ -102,9 +103,8 @@ def _status(found: FoundSizes, key: ErrorKey, spread: _Spread) -> str:
         if index == 1 and source.how:
             return source.how
         return "by geometry" if isinstance(known, CameraNoise) else "given" if index else "fixed"
-    value = source.prior.values.reshape(2, 2)[index, KINDS.index(key.kind)]
-    if not np.isnan(value):
-        return "fixed" if source.prior.factor == 1 else "prior"
+    if (sheet := source.prior.get(ErrorKey(Owner(SIDES[index]), key.kind))) is not None:
+        return "fixed" if sheet.is_known else "prior"
     part = next(one for one in source.components if one.key == key)
     return "estimated" if spread.sd < MAX_RESOLVED_SPREAD * np.log(part.size.factor) else "not told apart"
 
@@ -177,7 +177,7 @@ def _findings(found: FoundSizes, parts: dict[ErrorKey, ErrorEstimate]) -> tuple[
     ):
         return ()
     told = not any(parts[ErrorKey(side, Kind.ROTATION)].status == "not told apart" for side in sides)
-    width = MAX_RESOLVED_SPREAD * float(np.log(found.source.prior.factor))
+    width = MAX_RESOLVED_SPREAD * float(np.log(max((s.factor for s in found.source.prior.values()), default=1.0)))
     sheet = frozenset(key for key, part in parts.items() if _by_sheet(part, width))
     return noise_findings(parts, sides, told, sheet)
 

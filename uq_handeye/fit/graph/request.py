@@ -14,10 +14,10 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, require_integer, require_one_of, require_type
 from ...methods.registry import METHODS, ROBOT_WORLD_METHODS
 from ...model.errors.camera_noise import CameraNoise
+from ...model.errors.key import ErrorKey
 from ...model.errors.keys import CAMERA_SCALE, TARGET_SCALE
 from ...model.errors.models import Noise, PairNoise, PoseNoise, is_joint, require_count
-from ...model.errors.noise_estimate import NoisePrior
-from ...model.errors.sizes import SizeLike, checked_sizes
+from ...model.errors.sizes import Size, SizeLike, checked_sizes, require_noise_prior
 from ...model.errors.term import ErrorTerm
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors
@@ -117,7 +117,7 @@ class Request:
     kind: str | None = None
     covariance: str = "model"
     robust: bool | None = None
-    prior: NoisePrior | None = None
+    prior: Mapping[ErrorKey, Size] | None = None
     prior_X: tuple[ArrayLike, ArrayLike] | None = None
     prior_W: tuple[ArrayLike, ArrayLike] | None = None
     seed: int = 0
@@ -149,7 +149,7 @@ class Request:
         if self.camera_scale is not None:
             require_one_of("camera_scale", self.camera_scale, (UNKNOWN,))
         require_integer("seed", self.seed, 0)
-        require_type("prior", self.prior, (NoisePrior, NoneType), "a NoisePrior or None")
+        require_noise_prior(self.prior)
         require_type("kinematics", self.kinematics, (Kinematics, NoneType), "Kinematics")
         require_type("kinematic_errors", self.kinematic_errors, (KinematicErrors, NoneType), "KinematicErrors or None")
         for part in self.components:

@@ -1,4 +1,4 @@
-"""Noise before and after its estimation: priors by data sheets, components, and the complete estimate.
+"""Noise of a data set after its estimation: its components, and the complete estimate.
 
 Units are rad and m, standard deviations per axis; text is in degrees and mm. The estimation is in `fit.graph`.
 """
@@ -13,9 +13,7 @@ import numpy as np
 from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import Record, parts_of, read
 from ...core.files.tree_values import is_map
-from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
-from ...core.presentation.units import parse_angle, parse_length
 from ...errors import InputError
 from ...findings import Finding
 from .error_estimate import SHOWN, ErrorEstimate
@@ -28,66 +26,6 @@ from .models import Noise, PairNoise, PoseNoise, is_joint
 SIDES = (Owner.ROBOT, Owner.CAMERA, Owner.A, Owner.B)
 OF_SIDES = (Kind.ROTATION, Kind.TRANSLATION, Kind.BEYOND_CORNERS)
 OF_CAMERA = tuple(ErrorKey(Owner.CAMERA, kind) for kind in OF_SIDES)
-
-PartlyKnown = tuple[str | float | None, str | float | None]
-
-
-@dataclass(frozen=True)
-class NoisePrior:
-    """Prior of the noise from data sheets: standard deviations per axis, each known within a factor.
-
-    Parameters
-    ----------
-    robot, camera : (rotation, translation) or None
-        Numbers (rad, m) or text with units, as in `PoseNoise.isotropic`; None where nothing is known. For motions that
-        come without poses ``robot`` is A and ``camera`` is B.
-    factor : float
-        One standard deviation of the logarithm: 2 says that the true value is between half and twice the value given
-        with probability 68 %. 1 fixes the values.
-
-    Raises
-    ------
-    InputError
-        A factor below 1, negative values, or a value of 0 that is not fixed.
-
-    Examples
-    --------
-    >>> prior = NoisePrior(robot=(None, "0.05mm"), factor=1)
-    """
-
-    robot: PartlyKnown | None = None
-    camera: PartlyKnown | None = None
-    factor: float = 2.0
-
-    def __post_init__(self) -> None:
-        if not is_number(self.factor) or not 1 <= self.factor < 1e6:
-            raise InputError(
-                f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {self.factor!r}."
-            )
-        if (self.values == 0).any() and self.factor > 1:
-            raise InputError(
-                "Expected the standard deviations of the noise prior to be above 0 where they are known within a "
-                "factor, got 0. Use factor=1 for a side that is exact, or None where nothing is known."
-            )
-
-    @property
-    def values(self) -> Array:
-        """(4,): robot rotation and translation, camera rotation and translation; NaN where nothing is known."""
-        found = []
-        for name in ("robot", "camera"):
-            value = getattr(self, name)
-            if value is None:
-                value = (None, None)
-            if not isinstance(value, tuple | list) or len(value) != 2:
-                raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
-            for part, parse, what in zip(value, (parse_angle, parse_length), ("rotation", "translation"), strict=True):
-                number = np.nan if part is None else parse(part, f"the {what} standard deviation of {name}")
-                if number < 0 or number > 1e9:
-                    raise InputError(
-                        f"Expected the {what} standard deviation of {name} to be in [0, 1e9], got {part!r}."
-                    )
-                found.append(number)
-        return np.array(found)
 
 
 class CameraFactor(NamedTuple):

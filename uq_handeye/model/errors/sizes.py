@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.tree_values import is_plain_number
+from ...core.files.json_values import JsonObject
+from ...core.files.tree_values import is_map, is_plain_number
 from ...core.presentation.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...errors import InputError
-from .key import ErrorKey, Kind, Owner
+from .key import ErrorKey, Kind, Owner, by_text
 from .keys import (
     BY_VIEW,
     CAMERA_EXCESS,
@@ -104,6 +106,79 @@ CLASSES = {
 PARSERS = {"rad": parse_angle, "m": parse_length, "px": parse_pixels, "": parse_ratio}
 
 SizeLike = Size | tuple[float | str, float] | float | str
+PartlyKnown = tuple[str | float | None, str | float | None]
+# Noise that data sheets state, by what users call the side.
+OF_SHEETS = {"robot": (ROBOT_ROTATION, ROBOT_TRANSLATION), "camera": (CAMERA_ROTATION, CAMERA_TRANSLATION)}
+
+
+def NoisePrior(  # the prior by data sheets, as users call it
+    robot: PartlyKnown | None = None, camera: PartlyKnown | None = None, factor: float = 2.0
+) -> dict[ErrorKey, Size]:
+    """Return sizes of the noise by data sheets: standard deviations per axis, each known within a factor.
+
+    Parameters
+    ----------
+    robot, camera : (rotation, translation) or None
+        Numbers (rad, m) or text with units, as in `PoseNoise.isotropic`; None where nothing is known. For motions that
+        come without poses ``robot`` is A and ``camera`` is B.
+    factor : float
+        One standard deviation of the logarithm: 2 says that the true value is between half and twice the value given
+        with probability 68 %. 1 fixes the values.
+
+    Raises
+    ------
+    InputError
+        A factor below 1, negative values, or a value of 0 that is not fixed.
+
+    Examples
+    --------
+    >>> prior = NoisePrior(robot=(None, "0.05mm"), factor=1)
+    """
+    if not is_plain_number(factor) or not 1 <= factor < 1e6:
+        raise InputError(
+            f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {factor!r}."
+        )
+    found = {}
+    for name, given in (("robot", robot), ("camera", camera)):
+        value = (None, None) if given is None else given
+        if not isinstance(value, tuple | list) or len(value) != 2:
+            raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
+        for key, part in zip(OF_SHEETS[name], value, strict=True):
+            if part is None:
+                continue
+            what = f"{key.kind} standard deviation of {name}"
+            size = PARSERS[SIZES[key].unit](part, f"the {what}")
+            if not 0 <= size <= 1e9:
+                raise InputError(f"Expected the {what} to be in [0, 1e9], got {part!r}.")
+            if size == 0 and factor > 1:
+                raise InputError(
+                    "Expected the standard deviations of the noise prior to be above 0 where they are known within a "
+                    "factor, got 0. Use factor=1 for a side that is exact, or None where nothing is known."
+                )
+            found[key] = Size(size, float(factor), SIZES[key].unit, "declared")
+    return found
+
+
+def require_noise_prior(prior: object) -> None:
+    """Raise `InputError` for what is neither None nor a prior of the noise by data sheets."""
+    if prior is not None and not (isinstance(prior, Mapping) and set(prior) <= {*chain(*OF_SHEETS.values())}):
+        raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
+
+
+def prior_to_dict(prior: Mapping[ErrorKey, Size]) -> JsonObject:
+    """Return the prior by names as plain values: median and factor."""
+    return {str(key): [size.median, size.factor] for key, size in prior.items()}
+
+
+def prior_from_dict(data: JsonObject) -> dict[ErrorKey, Size]:
+    """Return the inverse of `prior_to_dict`; raises `InputError` for other errors."""
+    keys = by_text(chain(*OF_SHEETS.values()))
+    if not is_map(data) or not keys.keys() >= set(data):
+        raise InputError(f"Expected a prior of the noise of robot and camera, got {data!r:.80}.")
+    return {
+        keys[name]: Size(float(median), float(factor), SIZES[keys[name]].unit, "declared")
+        for name, (median, factor) in data.items()
+    }
 
 
 def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:

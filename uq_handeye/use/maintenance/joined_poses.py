@@ -26,8 +26,8 @@ from ...model.camera.result import CameraCalibration
 from ...model.errors.camera_noise import CameraNoise
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.models import PoseNoise, is_joint
-from ...model.errors.noise_estimate import NoisePrior
 from ...model.errors.pose_prior import PosePrior
+from ...model.errors.sizes import prior_from_dict
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors, effects_of_errors, poses_with_errors
 from ...model.poses.pose_pairs import PosePairs
@@ -280,7 +280,7 @@ def arguments(
         "noise": noise_of_all,
         "pairs": pairs,
         "robust": request["robust"],
-        "prior": None if options["prior"] is None else NoisePrior(**options["prior"]),
+        "prior": None if options["prior"] is None else prior_from_dict(options["prior"]),
         "shared": shared,
         **{name: options[name] for name in ("method", "scale", "kind", "covariance", "seed", "correlation")},
         **({"correlation": "none"} if request["simulated"] else {}),  # no drift is assumed of simulated poses

@@ -32,8 +32,9 @@ from ...core.rounding import TINY
 from ...errors import InputError, require_integer, require_one_of
 from ...fit.graph.reference import Reference
 from ...fit.graph.selection import weight_of_X
+from ...model.errors.key import ErrorKey
 from ...model.errors.models import PoseNoise
-from ...model.errors.noise_estimate import NoisePrior
+from ...model.errors.sizes import Size
 from ...model.errors.square_roots import cholesky_of, whiten
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors
@@ -66,7 +67,7 @@ class PlanRequest:
     kinematics: Kinematics | None = None
     kinematic_errors: KinematicErrors | None = None
     task: ArrayLike | None = None
-    prior: NoisePrior | None = None
+    prior: Mapping[ErrorKey, Size] | None = None
     floor: str | float | None = None
     tolerance: ToleranceLike | None = None
 
