@@ -62,7 +62,8 @@ def test_d2_has_the_distribution_of_the_mixture(posterior, rng):
     assert kstest(p, "uniform").statistic < 0.04
     assert abs(np.mean(p < 0.05) - 0.05) < 0.02
     as_one = np.array([type(rows.test.reference).given(M * K).p_value(x) for x in d2])
-    assert kstest(as_one, "uniform").statistic > 0.1  # one Gaussian does not have it
+    # one Gaussian does not have it: of uniform numbers the statistic is above 0.05 with a probability of 4e-9
+    assert kstest(as_one, "uniform").statistic > 0.05
     assert rows.test.reference.weight @ (rows.test.reference.scale * rows.test.reference.dof) == pytest.approx(
         d2.mean(), rel=0.05
     )
