@@ -142,10 +142,10 @@ def nominal(kinematics: uq.Kinematics, of: Touches) -> TouchModel:
 def fitted(kinematics: uq.Kinematics, of: Touches, errors: uq.KinematicErrors) -> TouchModel:
     """Ball, sockets and kinematic errors, with their joint covariance."""
     errors = replace(errors, flange="controller")  # ball and sockets are unknown: no frames to define
-    columns = errors.columns(kinematics, of.q)
-    groups = list(dict.fromkeys(key.kind for key in columns.keys))
-    by_group = [np.flatnonzero(columns.of(group)) for group in groups]
-    kept = columns.kept[np.concatenate(by_group)]
+    place = {error.key: k for k, error in enumerate(kinematics.errors)}
+    terms = [term for term in errors.terms(kinematics, of.q) if term.columns is not None]
+    groups, by_group = [term.key.kind for term in terms], [[place[key] for key in term.keys] for term in terms]
+    kept = np.concatenate(by_group).astype(np.intp)
     model = replace(nominal(kinematics, of), kept=kept, e=np.zeros(len(kept)))
     p = 3 + 3 * len(model.names)
     for _ in range(ROUNDS):

@@ -69,16 +69,17 @@ def test_columns_hold_an_elbow_that_is_elsewhere_at_all_poses(sign):
     arm, rng = Kinematics.from_name("panda"), np.random.default_rng(0)
     q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]) + rng.uniform(-0.3, 0.3, (30, 7))
     errors = KinematicErrors()
-    found, joints = errors.columns(arm, q, by_poses=True), errors.columns(arm, q)
+    found, joints = errors.terms(arm, q, by_poses=True), errors.terms(arm, q)
     along = np.linalg.svd(arm.jacobian(q))[2][:, -1]
     assert 0 < (along[:, 2] > 0).sum() < 30
     away = q + sign * 0.2 * along * np.sign(along[:, 2:3])
-    change = errors.columns(arm, away).F - joints.F
     weight = np.repeat([0.3, 1.0], 3)[:, None]
-    for group in dict.fromkeys(key.kind for key in joints.keys):
-        of = found.of(group) & [str(key.index).startswith("elbow elsewhere") for key in found.keys]
-        D = change[..., joints.of(group) & ["frame" not in str(key.index) for key in joints.keys]]
-        K, D = ((weight * x).reshape(180, -1) for x in (found.F[..., of], D))
+    groups = [part for part in zip(found, joints, errors.terms(arm, away), strict=True) if part[0].columns is not None]
+    assert len(groups) == 5
+    for there, here, other in groups:
+        group, frames, elsewhere = here.key.kind, here.count - 12, here.count  # those of an elbow elsewhere come last
+        D = (other.columns - here.columns)[..., :frames]
+        K, D = ((weight * x).reshape(180, -1) for x in (there.columns[..., elsewhere:], D))
         left = D - K @ np.linalg.lstsq(K, D, rcond=None)[0]
         assert K.shape[1] < 60 and (left**2).sum() < 0.1 * (D**2).sum(), group
         assert (K**2).sum() > (0.5 / 0.2) ** 2 * 0.9 * (D**2).sum(), group

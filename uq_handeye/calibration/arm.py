@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,14 +13,16 @@ from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
 from ..fit.graph.gauss_helmert import ESTIMATORS
 from ..fit.graph.request import Request, of_motions
-from ..model.errors.key import Kind
+from ..model.errors.joint_covariance import JointCovariance
+from ..model.errors.keys import JOINT_NOISE
 from ..model.errors.models import Noise, PoseNoise
+from ..model.errors.term import ErrorTerm
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..model.kinematics.by_poses import joints_by_poses
 from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.kinematic_errors import KinematicColumns, KinematicErrors, effects_of_errors, poses_with_errors
+from ..model.kinematics.kinematic_errors import KinematicErrors, effects_of_errors, poses_with_errors
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance
+from ..model.shared_errors.in_noise import add_columns, errors_of_arm
 from ..model.shared_errors.shared_error import SharedError
 
 # Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
@@ -46,9 +49,9 @@ class Arm(NamedTuple):
         return [self._replace(joints=q) for q in apart]
 
     @property
-    def columns(self) -> KinematicColumns:
-        """Derivatives of the robot poses by the kinematic errors."""
-        return self.errors.columns(self.kinematics, self.joints, self.at, self.by_poses)
+    def terms(self) -> tuple[ErrorTerm, ...]:
+        """Errors of the robot poses by those of the arm."""
+        return self.errors.terms(self.kinematics, self.joints, self.at, self.by_poses)
 
     def linear_about(self, e: Array) -> Array:
         """(n, 4, 4) poses of the robot in place of the measured ones, for errors e (m,) of the arm.
@@ -62,12 +65,16 @@ class Arm(NamedTuple):
         return perturb(self.measured.robot, difference(linear, nominal))
 
 
-def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
+def with_declared(
+    noise: PoseNoise, errors: KinematicErrors, terms: Iterable[ErrorTerm]
+) -> tuple[PoseNoise, tuple[SharedError, ...]]:
     """Return the noise with joint noise added, and the declared errors of the arm, which all poses share."""
-    deviations = columns.given.standard_deviations
-    joint = kinematic_covariance(columns, deviations | {Kind.JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
-    own = replace(joint, shared=joint.shared[..., :0], keys=())
-    return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
+    robot, joint_sd = noise.robot, float(errors.joint_sd or 0.0)
+    for term in terms:
+        if term.key == JOINT_NOISE and joint_sd > 0:
+            own = joint_sd**2 * term.covariance
+            robot = add_columns(robot, JointCovariance(own, np.zeros((len(own), 6, 0))))
+    return replace(noise, robot=robot), errors_of_arm(terms, errors.standard_deviations)
 
 
 def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None, at: Array | None) -> Arm | None:

@@ -214,7 +214,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
     Where an elbow or a wrist is the other way round, the errors of the arm have other effects. Rows are those that
     robust weights keep with the first branch.
     """
-    if job.arm is None or job.columns_of_arm is None or not (others := job.arm.other_branches()):
+    if job.arm is None or not job.terms_of_arm or not (others := job.arm.other_branches()):
         return job, source
     rows = None
     if job.robust:
@@ -223,7 +223,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
             rows, at = (robust.weights > 0).astype(float), robust.fit.unknowns
     best, most = (job, source), -np.inf
     for arm in (job.arm, *others):
-        asked = replace(job, arm=arm, columns_of_arm=arm.columns)
+        asked = replace(job, arm=arm, terms_of_arm=arm.terms)
         model = source if arm is job.arm else joint_model_of(asked, job.constraint)
         with suppress(NotConvergedError):
             evidence = model.find(at, rows, gain=ROUGH_GAIN).mode.log_evidence
@@ -237,10 +237,10 @@ def _as_accurate_arm(job: Job, found: FoundSizes | None) -> tuple[Job, JointMode
     that much more probable than the usual one, with the rows that count and near the unknowns of ``found``.
     """
     arm = job.arm
-    if arm is None or job.columns_of_arm is None or not arm.errors.class_is_open or found is None or found.exact.any():
+    if arm is None or not job.terms_of_arm or not arm.errors.class_is_open or found is None or found.exact.any():
         return None
     arm = arm._replace(errors=replace(arm.errors, robot_class=ACCURATE))
-    asked = replace(job, arm=arm, columns_of_arm=arm.columns)
+    asked = replace(job, arm=arm, terms_of_arm=arm.terms)
     model, rows = joint_model_of(asked, job.constraint), np.zeros(job.constraint.n)
     rows[found.kept] = 1.0
     with suppress(NotConvergedError):
@@ -277,7 +277,7 @@ def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
         robot,
         errors,
         pose_prior=job.pose_prior,
-        arm=job.columns_of_arm,
+        arm=job.terms_of_arm,
         sizes=job.request.sizes,
         more=job.request.components,
     )
@@ -322,11 +322,11 @@ def motions_without_shared_errors(motions: Motions, noise: Noise, fit: Fit) -> M
 
 def _joint_noise(job: Job, found: Mapping[Kind, float] | None) -> dict[ErrorKey, Array]:
     """Covariances (n, 6, 6) that joint noise gives the robot poses; nothing where there is none."""
-    columns = None if job.arm is None else job.arm.columns
-    if columns is None:
+    if job.arm is None:
         return {}
-    sd = float(columns.given.joint_sd or 0.0) if found is None else found.get(Kind.JOINT_NOISE, 0.0)
-    return {JOINT_NOISE: sd**2 * columns.J @ columns.J.mT} if sd > 0 else {}
+    sd = float(job.arm.errors.joint_sd or 0.0) if found is None else found.get(Kind.JOINT_NOISE, 0.0)
+    terms = job.arm.terms if sd > 0 else ()
+    return {term.key: sd**2 * term.covariance for term in terms if term.key == JOINT_NOISE}
 
 
 def _fitted(job: Job, posterior: Posterior, found: Mapping[Kind, float] | None) -> FittedKinematics | None:

@@ -25,9 +25,9 @@ from ..model.errors.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIE
 from ..model.errors.models import Noise, PoseNoise, require_count, with_prior
 from ..model.errors.pose_prior import PosePrior
 from ..model.errors.sizes import OF_SHEETS, checked_sizes
+from ..model.errors.term import ErrorTerm
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
-    KinematicColumns,
 )
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
@@ -55,7 +55,7 @@ class Job:
     shared: tuple[SharedError, ...] = ()  # errors that all poses share, as unknowns
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
-    columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
+    terms_of_arm: tuple[ErrorTerm, ...] = ()  # at the poses, where deviations are to be estimated
     given: PoseNoise | None = None  # noise in addition to which these are estimated
 
     @property
@@ -143,11 +143,11 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
     arm = _arm_of(request, measured, noise, at)
     robot_known = noise is not None or robot is not None or arm is not None
     errors = _errors_of(request, listed, poses, noise, camera, robot_known)
-    columns = None if arm is None or arm.errors.is_exact else arm.columns
+    terms = () if arm is None or arm.errors.is_exact else arm.terms
     own = None if of_motions(noise) else cast("PoseNoise | None", noise)
-    declared, of_arm = _with_arm(own, arm, columns)
+    declared, of_arm = _with_arm(own, arm, terms)
     shared, is_declared = (*errors, *of_arm), declared is not own
-    of_arm_open = columns is not None and not is_declared
+    of_arm_open = bool(terms) and not is_declared
     sizes_open = declared is not None and (of_arm_open or any(error.factor > 1 for error in shared))
     beside = declared if sizes_open else None  # sizes in addition to it are to be found
     priors = request.prior_X, request.prior_W
@@ -165,7 +165,7 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
         shared=shared,
         pose_prior=pose_prior,
         arm=arm,
-        columns_of_arm=None if is_declared else columns,
+        terms_of_arm=() if is_declared else terms,
         given=beside,
     )
     _require_open_sizes(job)
@@ -174,12 +174,12 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
 
 
 def _with_arm(
-    noise: PoseNoise | None, arm: Arm | None, columns: KinematicColumns | None
+    noise: PoseNoise | None, arm: Arm | None, terms: tuple[ErrorTerm, ...]
 ) -> tuple[PoseNoise | None, tuple[SharedError, ...]]:
     """Return the noise with that of the joints, and the errors of an arm whose sizes are declared beside it."""
-    if noise is None or arm is None or columns is None or arm.errors.how == ESTIMATE:
+    if noise is None or arm is None or not terms or arm.errors.how == ESTIMATE:
         return noise, ()
-    return with_declared(noise, columns)
+    return with_declared(noise, arm.errors, terms)
 
 
 def _with_columns(

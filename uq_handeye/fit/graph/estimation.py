@@ -43,8 +43,7 @@ from ...model.errors.pose_prior import PosePrior
 from ...model.errors.sizes import BY_NAME, SIZES, Size
 from ...model.errors.square_roots import Covariance
 from ...model.errors.term import ErrorTerm
-from ...model.kinematics.arm_terms import terms_of_arm
-from ...model.kinematics.kinematic_errors import DECLARED_AS, KinematicColumns
+from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm
 from ...model.shared_errors.shared_error import SharedError
@@ -81,7 +80,7 @@ class JointModel:
     errors: tuple[SharedError, ...] = ()  # what all poses share
     poses: PosePairs | None = None
     pose_prior: PosePrior | None = None
-    arm: KinematicColumns | None = None
+    arm: tuple[ErrorTerm, ...] = ()  # errors of an arm by its joints
     excess: JointCovariance | None = None  # of the camera in addition to its covariance from corners, per pixel^2
     shift: Array | None = None  # (n, 6, 2) of the camera where all corners of a picture are shifted, per pixel
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
@@ -139,7 +138,7 @@ class JointModel:
     @cached_property
     def components(self) -> tuple[ErrorTerm, ...]:
         """All components with something to move; raises `InputError` for a size of none of them."""
-        found = [*self._noise(), *self._shared(), *self._arm(), *self.more]
+        found = [*self._noise(), *self._shared(), *self.arm, *self.more]
         names = [part.name for part in found]
         if unknown := [name for name in self.sizes if name not in names]:
             near = get_close_matches(unknown[0], names, 3, 0.3) or names
@@ -220,9 +219,6 @@ class JointModel:
             rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
             found.append(ErrorTerm(error.key, error.side, size, columns[..., known], rest, keys))
         return found
-
-    def _arm(self) -> list[ErrorTerm]:
-        return [] if self.arm is None else terms_of_arm(self.arm)
 
     # ------------------------------------------------------------------------------------------- estimation
 
@@ -447,9 +443,7 @@ class FoundSizes:
     def errors(self) -> tuple[SharedError, ...]:
         """Errors that all poses share, those of the arm among them, with the standard deviations found."""
         found = [error.of_size(self.sizes.get(error.key, 1.0)) for error in self.source.errors]
-        if self.source.arm is not None:
-            found += errors_of_arm(self.source.arm, self.of_arm)
-        return tuple(found)
+        return (*found, *errors_of_arm(self.source.arm, self.of_arm))
 
     @cached_property
     def spread(self) -> Array:

@@ -16,7 +16,6 @@ from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import INTRINSICS, SCENE_EXCESS, SCENE_FEATURES, TARGET_SCALE
 from ...model.errors.sizes import SIZES, Size
 from ...model.errors.term import ErrorTerm
-from ...model.kinematics.arm_terms import terms_of_arm
 from ...model.rig.description import Rig
 from ...model.rig.noise_by_name import NoiseByName, by_name, covariance_of
 from .graph import Graph
@@ -193,11 +192,11 @@ def scene_components(rig: Rig, graph: Graph) -> list[ErrorTerm]:
 
 
 def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[ErrorTerm]:
-    """Errors of the chain of an arm by group, as of one camera (`terms_of_arm`), and the noise of its joints."""
+    """Errors of the chain of an arm by group, as of one camera (`KinematicErrors.terms`), and the joint noise."""
     arm, of = rig.arms[name], graph.arm == list(rig.arms).index(name)
     assert arm.kinematics is not None and arm.joints is not None
-    columns = arm.errors.columns(arm.kinematics, arm.joints[graph.pose[of]], None, arm.by_poses)
-    return [_of_arm(part, of, name) for part in terms_of_arm(columns)]
+    terms = arm.errors.terms(arm.kinematics, arm.joints[graph.pose[of]], None, arm.by_poses)
+    return [_of_arm(part, of, name) for part in terms]
 
 
 def _of_arm(part: ErrorTerm, of: NDArray[np.bool_], name: str) -> ErrorTerm:

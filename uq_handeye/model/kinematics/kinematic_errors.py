@@ -18,14 +18,15 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.presentation.units import parse_angle, parse_length
 from ...errors import InputError
-from ..errors.joint_covariance import Index
 from ..errors.key import ErrorKey, Kind, Owner
+from ..errors.keys import JOINT_NOISE
+from ..errors.sizes import SIZES, Size
+from ..errors.term import ErrorTerm
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
 from .forward import LEVER_M
@@ -41,6 +42,8 @@ FLANGES = (WORKSPACE, CONTROLLER, PHYSICAL)
 # they differ, and at each pose. Pandas have 0.5, 0.2 and 0.35 with poses of one region, 0.35, 0.15 and 0.5 anywhere.
 ELBOW_SD_RAD, ELBOW_SD_ALONG, ELBOW_SD_OF_POSE = 0.5, 0.2, 0.35
 
+# Unit of the sizes of each group.
+UNITS = dict.fromkeys((OFFSETS, TILTS, TRANSMISSION, SAG), "rad") | {LENGTHS: "m"}
 # The field of `KinematicErrors` that declares each group.
 DECLARED_AS = {
     OFFSETS: "offset_sd",
@@ -160,43 +163,47 @@ class KinematicErrors:
         usual = {group: 0.0 if alone else getattr(self.population, name) for group, name in DECLARED_AS.items()}
         return {group: usual[group] if sd is None else sd for group, sd in given.items()}
 
-    def columns(
+    def terms(
         self, kinematics: Kinematics, q: Array, e: Array | None = None, by_poses: bool = False
-    ) -> KinematicColumns:
-        """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0.
+    ) -> tuple[ErrorTerm, ...]:
+        """Return the errors of measured robot poses at joints q (n, L): one term of each group, and the joint noise.
 
-        ``by_poses``: the joints are those that reach the poses; of more than six the elbow may be elsewhere.
+        Derived at errors e (m,) of the arm where these are not 0. ``by_poses``: the joints are those that reach the
+        poses; of more than six the elbow may be elsewhere.
         """
-        sd = self.standard_deviations
         if self.flange == WORKSPACE:
             counts, F = counting(kinematics), aligned_columns(kinematics, q, e)
         else:
             counts = np.array([self.flange == PHYSICAL or not error.gauge for error in kinematics.errors])
             F = kinematics.columns(q, e)
-        kept = [k for k, error in enumerate(kinematics.errors) if sd[error.group] > 0 and counts[k]]
-        of = [kinematics.errors[k] for k in kept]
-        columns, keys = [F[..., kept]], [error.key for error in of]
-        for group in dict.fromkeys(error.group for error in of) if self.flange == WORKSPACE else ():
-            columns.append(frame_columns(kinematics, q, group))
-            keys += [frame_key(group, k) for k in range(12)]
-        elbow = None
+        by_elbow, moved, own = None, np.zeros((0, len(q))), 0.0
         if by_poses and q.shape[-1] > 6:
-            of_elbow = _by_elbow(kinematics, q, self.flange)[..., kept]
+            by_elbow = _by_elbow(kinematics, q, self.flange)
             moved, own = _elbow_moves(kinematics.poses(q))
-            elbow = own * of_elbow
-            for group in dict.fromkeys(error.group for error in of):
-                D = of_elbow[..., [error.group == group for error in of]]
+        found = []
+        for group, sd in self.standard_deviations.items():
+            of = [k for k, error in enumerate(kinematics.errors) if error.group == group and counts[k]]
+            if not of or not sd:
+                continue
+            columns, keys, block = [F[..., of]], [kinematics.errors[k].key for k in of], None
+            if self.flange == WORKSPACE:
+                columns.append(frame_columns(kinematics, q, group))
+                keys += [frame_key(group, k) for k in range(12)]
+            if by_elbow is not None:
+                D = by_elbow[..., of]
                 K = _principal(np.concatenate([D * move[:, None, None] for move in moved], axis=-1), kinematics.reach)
                 columns.append(K)
                 keys += [ErrorKey(Owner.ROBOT, group, f"elbow elsewhere {k + 1}") for k in range(K.shape[-1])]
-        return KinematicColumns(
-            -np.concatenate(columns, axis=-1),
-            kinematics.jacobian(q, e),
-            tuple(keys),
-            np.array(kept, dtype=np.intp),
-            self,
-            elbow,
-        )
+                block = own * D
+            size = Size(sd, 1.0 if self.how == DECLARED else self.population.factor, UNITS[group])
+            together = -np.concatenate(columns, axis=-1)
+            found.append(ErrorTerm(ErrorKey(Owner.ROBOT, group), "robot", size, together, block, tuple(keys)))
+        size = SIZES[JOINT_NOISE]
+        if self.joint_sd is not None:
+            size = Size(float(self.joint_sd), 1.0, "rad", "declared")
+        if size.median > 0:
+            found.append(ErrorTerm(JOINT_NOISE, "robot", size, block=kinematics.jacobian(q, e)))
+        return tuple(found)
 
 
 def _by_elbow(kinematics: Kinematics, q: Array, flange: str) -> Array:
@@ -248,25 +255,3 @@ def poses_with_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Arr
 def effects_of_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
     """(..., 6, m) derivatives of `poses_with_errors` by e, left rotation and additive translation."""
     return aligned_columns(chain, q, e) if flange == WORKSPACE else chain.columns(q, e)
-
-
-class KinematicColumns(NamedTuple):
-    """Effects of the errors of an arm on n measured poses, per unit (rad, m), left rotation and additive
-    translation.
-    """
-
-    F: Array  # (n, 6, m) of the errors that are shared
-    J: Array  # (n, 6, L) of noise of the joints
-    keys: tuple[ErrorKey, ...]  # (m), of the frames at the end
-    kept: NDArray[np.intp]  # their numbers among all errors of the arm
-    given: KinematicErrors
-    elbow: Array | None = None  # (n, 6, of the errors) what F changes by with the elbow of an arm of seven axes
-
-    def of(self, group: Kind) -> NDArray[np.bool_]:
-        """(m,) which of the errors are of a group."""
-        return np.array([key.kind == group for key in self.keys], dtype=bool)
-
-    def rows(self, index: Index) -> KinematicColumns:
-        """Return the columns at some of the poses."""
-        elbow = None if self.elbow is None else self.elbow[index]
-        return self._replace(F=self.F[index], J=self.J[index], elbow=elbow)

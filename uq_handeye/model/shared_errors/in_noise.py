@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..errors.joint_covariance import JointCovariance
-from ..errors.key import ErrorKey, Kind, Owner
+from ..errors.key import ErrorKey, Kind
 from ..errors.models import PoseNoise, is_joint, require_count
-from ..kinematics.errors import LENGTHS
-from ..kinematics.kinematic_errors import DECLARED_AS, KinematicColumns
+from ..errors.term import ErrorTerm
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .shared_error import SharedError, the_same
@@ -82,24 +81,20 @@ def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
     return columns.plus(np.broadcast_to(covariance, (columns.n, 6, 6)))
 
 
-def errors_of_arm(columns: KinematicColumns, deviations: Mapping[Kind, float]) -> tuple[SharedError, ...]:
-    """The groups with one standard deviation each (rad or m).
+def errors_of_arm(terms: Iterable[ErrorTerm], deviations: Mapping[Kind, float]) -> tuple[SharedError, ...]:
+    """Return the groups of errors of an arm with one standard deviation each (rad or m).
 
     An estimate is that of the arm, ``true - model``: measured poses have the opposite error, which is in the columns.
     """
-    found = []
-    for group in DECLARED_AS:
-        of = columns.of(group)
-        if of.any():
-            F, keys = columns.F[..., of], tuple(compress(columns.keys, of))
-            sd = np.full(len(keys), deviations[group])
-            unit = "m" if group == LENGTHS else "rad"
-            found.append(SharedError(ErrorKey(Owner.ROBOT, group), unit, "robot", sd, keys, the_same(F)))
-    return tuple(found)
-
-
-def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[Kind, float]) -> JointCovariance:
-    """Return the covariance of the robot poses by joint noise and all groups, with standard deviations by kind."""
-    noise = deviations.get(Kind.JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
-    sd = np.array([deviations[key.kind] for key in columns.keys])
-    return JointCovariance(noise, columns.F * sd, columns.keys)
+    return tuple(
+        SharedError(
+            part.key,
+            part.size.unit,
+            "robot",
+            np.full(part.count, deviations[part.key.kind]),
+            part.keys,
+            the_same(part.columns),
+        )
+        for part in terms
+        if part.columns is not None
+    )
