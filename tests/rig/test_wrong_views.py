@@ -8,9 +8,11 @@ import pytest
 from scipy.stats import chi2
 
 import uq_handeye as uq
-from uq_handeye.core.geometry.se3 import logarithm, perturb
+from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
+from uq_handeye.fit.diagnostics.exchanged_views import exchanged
 from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
+pytestmark = pytest.mark.filterwarnings("ignore:The views of the cameras left and right:uq_handeye.InputWarning")
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
 HAND = ({"left": "arm", "right": "arm"}, {"board": "world"})
 CELL = ({"left": "world", "right": "world"}, {"board": "arm"})
@@ -39,7 +41,7 @@ def both_cameras(rig, rows, rng):
     return with_poses(rig, [knocked(view.poses, rows, rng) for view in rig.views])
 
 
-def exchanged(rig, rows, rng):
+def views_exchanged(rig, rows, rng):
     left, right = (view.poses.copy() for view in rig.views)
     left[rows], right[rows] = right[rows].copy(), left[rows].copy()
     return with_poses(rig, [left, right])
@@ -62,11 +64,11 @@ def one_camera(rig, rows, rng):
     [
         (HAND, 40, robot_rows, 2),
         (HAND, 20, both_cameras, 3),
-        (HAND, 20, exchanged, 6),
+        (HAND, 20, views_exchanged, 6),
         (HAND, 20, exchanged_of_a_pair, 3),
         pytest.param(HAND, 20, exchanged_of_a_pair, 6, marks=pytest.mark.slow),
-        (CELL, 20, exchanged, 3),
-        (CELL, 20, exchanged, 6),
+        (CELL, 20, views_exchanged, 3),
+        (CELL, 20, views_exchanged, 6),
         pytest.param(CELL, 20, both_cameras, 3, marks=pytest.mark.slow),
         pytest.param(CELL, 20, one_camera, 8, marks=pytest.mark.slow),
     ],
@@ -107,3 +109,41 @@ def test_a_camera_of_which_most_poses_are_wrong_is_not_usable():
             warnings.simplefilter("ignore")
             found = uq.calibrate(uq.Rig(rig.arms, rig.cameras, rig.targets, views))
         assert not found.usable and "right" in found.reasons[0]
+
+
+def relative_poses(n, noise, baseline, rng):
+    D = np.tile(np.eye(4), (n, 1, 1))
+    D[:, 0, 3] = baseline
+    return perturb(D, noise * rng.normal(size=(n, 6)))
+
+
+def test_exchanged_views_are_found_without_a_fit():
+    rng = np.random.default_rng([SEED, 5])
+    for n, count in ((6, 1), (12, 5), (20, 9), (400, 3)):
+        D, rows = relative_poses(n, 1e-3, 0.1, rng), rng.choice(n, count, replace=False)
+        assert not exchanged(D, 0.5).any()
+        D[rows] = inverse(D[rows])
+        assert np.flatnonzero(exchanged(D, 0.5)).tolist() == sorted(rows.tolist())
+    # views that do not agree, one camera twice
+    assert not exchanged(perturb(D, rng.normal(size=(400, 6))), 0.5).any()
+    assert not exchanged(relative_poses(20, 0.0, 0.0, rng), 0.5).any()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize(("count", "severity"), [(3, "caution"), (8, "failure")])
+@pytest.mark.parametrize("wrong", [exchanged_of_a_pair, views_exchanged])
+def test_exchanged_views_are_named(wrong, count, severity):
+    """Where half of the views are exchanged, the names of the cameras are not sure."""
+    rig, _ = simulate_rig(*HAND, n_poses=15, seed=3, noise=NOISE)
+    if wrong is exchanged_of_a_pair:
+        left = rig.views[0].poses
+        right = left.copy()
+        right[:, 0, 3] += 0.1
+        rig = with_poses(rig, [left, perturb(right, 1e-3 * np.random.default_rng(4).normal(size=(15, 6)))])
+    rows = np.random.default_rng([SEED, 6]).choice(15, count, replace=False)
+    result = uq.calibrate(wrong(rig, rows, None))
+    found = next(one for one in result.findings if one.code == "rig.exchanged_views")
+    named = set(range(15)) - set(rows.tolist()) if 2 * count > 15 else set(rows.tolist())
+    assert found.severity == severity and set(found.values["rows"]) == named
+    assert result.usable == (severity == "caution")

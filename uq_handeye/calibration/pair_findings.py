@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
-from ..core.limits import MIN_POSES, MIN_POSES_FOR_ROBUST
+from ..core.limits import MAJORITY, MIN_POSES, MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..findings import INPUT, Finding, without_consequences
 from ..fit.diagnostics.columns import check_poses
+from ..fit.diagnostics.exchanged_views import exchanged
 from ..fit.diagnostics.misread_files import INVERSE
 from ..fit.diagnostics.pose_ambiguity import flipped_rows
 from ..fit.diagnostics.residuals import check_fit, misread
@@ -87,7 +88,9 @@ def findings_of_pairs(rig: Rig, result: RigPoses | None) -> list[Finding]:
     if not all(any(map(_is_inverse, of)) for of in of_pairs):  # the setup and the robot file are right for some camera
         of_pairs = [list(map(_camera_first, of)) for of in of_pairs]
     named = [_of_pair(one, pair.names) for pair, of in zip(pairs, of_pairs, strict=True) for one in of]
-    return list({repr(one.to_dict()): one for one in [*_same_views(rig), *named]}.values())
+    return list(
+        {repr(one.to_dict()): one for one in [*_same_views(rig), *_exchanged_views(rig, result), *named]}.values()
+    )
 
 
 def _is_inverse(finding: Finding) -> bool:
@@ -190,20 +193,53 @@ def _size(pair: Pair, result: RigPoses) -> float:
     return size
 
 
+def _exchanged_views(rig: Rig, result: RigPoses | None) -> list[Finding]:
+    """Return the pairs of cameras, or of targets, whose views are exchanged at some moments.
+
+    It is a failure where the fit used them, or where so many are exchanged that the others may be.
+    """
+    found = []
+    out = set() if result is None else {*result.rejected, *(moment for _, moment in result.rejected_poses)}
+    for one, two in combinations(rig.views, 2):
+        what = "camera" if one.target == two.target else "target" if one.camera == two.camera else ""
+        names = getattr(one, what, ""), getattr(two, what, "")
+        first, second = _common(one, two)
+        if not what or rig.place(names[0]) != rig.place(names[1]) or len(first) < MIN_POSES:
+            continue
+        C, C_2 = one.poses[first], two.poses[second]
+        lever = float(np.median(np.linalg.norm(C[:, :3, 3], axis=-1)))
+        turned = exchanged(C @ inverse(C_2) if what == "camera" else inverse(C) @ C_2, lever)
+        rows = [(one.at or ())[k] for k in first[turned]]
+        if rows:
+            keys = [(view.camera, view.target, row) for view in (one, two) for row in rows]
+            few = len(rows) <= (1.0 - MAJORITY) * len(first)
+            left_out = few and all(key in out or key[-1] in out for key in keys)
+            values = {"what": what, "one": names[0], "two": names[1], "rows": rows, "count": len(first),
+                      "left_out": left_out}  # fmt: skip
+            found.append(Finding("rig.exchanged_views", "caution" if left_out else "failure", values))
+    return found
+
+
+def _common(one: View, two: View) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows of two views at the moments that both have."""
+    at = {moment: k for k, moment in enumerate(two.at or ())}
+    both = [(k, at[moment]) for k, moment in enumerate(one.at or ()) if moment in at]
+    first, second = np.array(both, dtype=np.intp).reshape(-1, 2).T
+    return first, second
+
+
 def _same_views(rig: Rig) -> list[Finding]:
     """Return the pairs of cameras, or of targets, whose views hold the same poses at the same moments."""
     found = []
     for one, two in combinations(rig.views, 2):
         if (one.camera, one.target) == (two.camera, two.target):
             continue
-        at = {moment: k for k, moment in enumerate(two.at or ())}
-        both = [(k, at[moment]) for k, moment in enumerate(one.at or ()) if moment in at]
-        if len(both) < MIN_POSES:
+        first, second = _common(one, two)
+        if len(first) < MIN_POSES:
             continue
-        first, second = np.array(both).T
         if np.array_equal(one.poses[first], two.poses[second]):
             what = "target" if one.camera == two.camera else "camera"
-            values = {"what": what, "one": getattr(one, what), "two": getattr(two, what), "count": len(both),
+            values = {"what": what, "one": getattr(one, what), "two": getattr(two, what), "count": len(first),
                       "sources": [view.source for view in (one, two) if view.source]}  # fmt: skip
             found.append(Finding("rig.same_views", "failure", values))
     return found

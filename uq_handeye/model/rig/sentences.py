@@ -8,6 +8,7 @@ from typing import Any
 
 from ...core.presentation.numbers import concise, probability
 from ...findings import INPUT, RESIDUALS, Finding, Values, sentence
+from ..poses.pose_numbers import ranges
 from .description import later_name
 
 # Poses with the views of their copy: name, and by which partner or since which robot pose.
@@ -151,6 +152,27 @@ def _(what: str, one: str, two: str, count: int, sources: Sequence[str]) -> str:
     return (
         f"The {what}s {one} and {two} hold the same poses, {count} of them{files}: one file was given for both. Give "
         f"the file of each {what} (--camera NAME=FILE, or `file` of its view in the rig file)."
+    )
+
+
+def _at_poses(rows: Sequence[Any]) -> str:
+    at = ranges(sorted(rows)) if {type(row) for row in rows} == {int} else ", ".join(map(str, rows))
+    return f"at robot pose{'' if len(rows) == 1 else 's'} {at}"
+
+
+@sentence(
+    "rig.exchanged_views",
+    check=INPUT,
+    phrase=lambda values: f"{values['one']} and {values['two']} are exchanged {_at_poses(values['rows'])}",
+    explains=lambda values: not values["left_out"],
+    rank=0,
+    remedy="exchange these rows in the files of {one} and {two}",
+)
+def _(what: str, one: str, two: str, rows: Sequence[Any], count: int, left_out: bool) -> str:
+    end = "They are left out." if left_out else "Exchange these rows in their files, or the others."
+    return (
+        f"The views of the {what}s {one} and {two} are exchanged {_at_poses(rows)} ({len(rows)} of {count}): each fits "
+        f"as that of the other {what}. {end}"
     )
 
 
