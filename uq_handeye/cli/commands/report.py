@@ -58,7 +58,8 @@ def report_command(
         return _deliver_certificate(stored, file, tolerance, wishes.about, wishes.paper)
     verdicts = stored.verdicts(tolerance)
     if file is None:
-        return emit_result(stored, verdicts)
+        last = [] if stored.remedy is None else [f"Next: {stored.remedy}."]
+        return emit_result(stored, verdicts, last=last)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         written = stored.report(
             file,
