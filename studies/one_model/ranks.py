@@ -42,6 +42,7 @@ from uq_handeye.core.presentation.colours import BLUE, GRID, INK, ORANGE, PURPLE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.fit.graph.estimation import JointModel
 from uq_handeye.fit.graph.request import Request
+from uq_handeye.model.errors.columns import times
 from uq_handeye.model.errors.keys import TARGET_SCALE
 from uq_handeye.model.errors.sizes import Size
 
@@ -101,7 +102,7 @@ def drawn(cell: Cell, rng: np.random.Generator) -> tuple[uq.PosePairs, Array, di
         sizes[part.name] = size * unit[part.name]
         if part.columns is not None:
             z = rng.standard_normal(part.count)
-            xi[part.side] += size * part.columns @ z
+            xi[part.side] += size * times(part.columns, z)
             scale = sizes[part.name] * float(z[0]) if part.key == TARGET_SCALE else scale
         if part.block is not None:
             z = rng.standard_normal((cell.n, part.block.shape[-1], 1))

@@ -30,6 +30,7 @@ from uq_handeye.core.presentation.colours import BLUE, ORANGE
 from uq_handeye.core.presentation.figure_parts import SMALL, TEXT, canvas, finished, plain
 from uq_handeye.fit.graph.engine import LatentModel
 from uq_handeye.fit.graph.integration import Mixture
+from uq_handeye.model.errors.columns import some_rows
 
 SEED = 2905
 # Deviations of the prior between which sizes are looked for, as by the mode; share of the diagonal against rounding.
@@ -48,7 +49,7 @@ def density_of(model: LatentModel, sides: dict[str, Array], centre: Array, unit:
     for part in model.components:
         D, S = sides[part.side], np.zeros((6 * n, 6 * n))
         if part.columns is not None:
-            K = (D @ part.columns).reshape(6 * n, -1)
+            K = (D @ some_rows(part.columns, slice(None))).reshape(6 * n, -1)
             S += K @ K.T
         if part.block is not None:
             for i, B in enumerate(D @ part.block):

@@ -73,7 +73,7 @@ def with_declared(
     for term in terms:
         if term.key == JOINT_NOISE and joint_sd > 0:
             own = joint_sd**2 * term.covariance
-            robot = add_columns(robot, JointCovariance(own, np.zeros((len(own), 6, 0))))
+            robot = add_columns(robot, JointCovariance.of_each(own))
     return replace(noise, robot=robot), errors_of_arm(terms, errors.standard_deviations)
 
 

@@ -236,9 +236,10 @@ def _require_open_sizes(job: Job) -> None:
             "estimated. Declare a known error as `shared` (SharedError.columns)."
         )
     for part in request.components:
-        if part.columns is not None and len(part.columns) != len(job.data):
+        if part.columns is not None and part.columns.shape[0] != len(job.data):
             raise InputError(
-                f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got {len(part.columns)}."
+                f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got "
+                f"{part.columns.shape[0]}."
             )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -19,7 +19,8 @@ from ..core.presentation.numbers import digits
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
 from ..fit.graph.points import OpenSizes
-from ..model.errors.models import PoseNoise
+from ..model.errors.models import Noise, PoseNoise
+from ..model.errors.noise_estimate import NoiseEstimate
 from ..model.poses.pose_data import data_to_dict
 from .accuracy import Statement
 from .analysis import FittedKinematics, joint_sides
@@ -412,28 +413,43 @@ class Calibration(Statement, StoredResult):
 
     _if_any: ClassVar[str] = "about open kinematics posterior data excluded split camera_scale corrected"
     _in_file: ClassVar[str] = (
-        f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise W covariance_W iterations "
-        "covariance_kind reference noise_estimate bound 4dpa=fourdpa fit poses=table analysis provenance about "
-        "time_offset camera_scale shared open=opened kinematics posterior residuals headline usable answered "
-        "accuracy checks facts data=_data_in_file excluded split findings warnings corrected"
+        f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise=_noise_in_file W covariance_W "
+        "iterations covariance_kind reference noise_estimate=_estimate_in_file bound 4dpa=fourdpa fit poses=table "
+        "analysis provenance about time_offset camera_scale shared open=opened kinematics posterior residuals "
+        "headline usable answered accuracy checks facts data=_data_in_file excluded split findings warnings "
+        "corrected"
     )
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention; see `from_dict`."""
         found = {**head_of(OF_CAMERA), **super().to_dict()}
-        if (columns := columns_of(found)) is not None and isinstance(self.noise, PoseNoise):
-            for side, S in joint_sides(self.noise).items():
-                found["noise"][side] = columns.shortened(S, found["noise"][side])
+        columns = columns_of(found) if isinstance(self.noise, PoseNoise) else None
+        for side, S in joint_sides(self.noise).items():
+            found["noise"][side] = S.to_dict() if columns is None else columns.shortened(S, found["noise"][side])
         if isinstance(source := getattr(self.posterior, "source", None), OpenSizes):
             found["posterior"] = source.beside_noise(self.noise)  # columns of errors, once
         if self.posterior is not None and bound_to_data(self.posterior.bound, self.counted):
             found["posterior"]["bound"] = AS_DATA
         if self.opened is not None:
             found["open"]["words"] = list(self.open_words)
-        estimate = self.noise_estimate
-        if estimate is not None and estimate.is_joint and estimate.noise is self.noise:
+        if self._of_noise:
             found["noise_estimate"]["noise"] = AS_NOISE  # a row for each pose, once
         return found
+
+    @property
+    def _of_noise(self) -> bool:
+        """True if the noise of the estimate is that of the result, with a row for each pose."""
+        estimate = self.noise_estimate
+        return estimate is not None and estimate.is_joint and estimate.noise is self.noise
+
+    @property
+    def _noise_in_file(self) -> Noise | None:
+        return None if self.noise is None else self.noise.without_columns()
+
+    @property
+    def _estimate_in_file(self) -> NoiseEstimate | None:
+        estimate = self.noise_estimate
+        return replace(estimate, noise=self._noise_in_file) if estimate is not None and self._of_noise else estimate
 
     @property
     def _data_in_file(self) -> JsonObject | None:

@@ -177,7 +177,7 @@ def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
         if (sd := next((one.size for one in result.shared if one.key.error == DRIFTS[of]), 0.0)) > 0:
             constant = np.zeros((poses.n, 6, 6))
             constant[:, :3, :3] = constant[:, 3:, 3:] = np.sqrt(poses.n / 3.0) * R
-            found += [sd * constant, sd * drift_columns(poses.camera, times, of == Owner.TARGET)]
+            found += [sd * constant, sd * drift_columns(poses.camera, times, of == Owner.TARGET).rows()]
     return np.concatenate(found, axis=-1)
 
 
@@ -209,7 +209,8 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     if _same_session(result, poses) and poses.timestamps is not None:
         for of, drift in DRIFTS.items():
             if walked := [k for k, key in enumerate(posterior.keys) if key.error == drift]:
-                F[..., walked] = drift_columns(there, poses.timestamps, of == Owner.TARGET, posterior.times)
+                drifted = drift_columns(there, poses.timestamps, of == Owner.TARGET, posterior.times)
+                F[..., walked] = drifted.rows()
     if not poses.camera_known:
         return F, fresh_of_camera(result, there)
     S = noise_of_pictures(result, poses)

@@ -33,6 +33,7 @@ from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...core.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
+from ...model.errors.columns import carried_sum
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.key_text import text_of_source
@@ -404,7 +405,7 @@ def budget_of_sensitivities(
             parts.append((ErrorKey(Owner(name), Kind.EACH_POSE), _summed(D, D @ own)))
         parts += [(part, _summed(D, D @ covariance)) for part, covariance in named.items()]
         if joint is not None:
-            whole, shared = (D @ joint.shared).sum(axis=0), ErrorKey(Owner(name), Kind.SHARED)
+            whole, shared = carried_sum(D, joint.columns), ErrorKey(Owner(name), Kind.SHARED)
             errors = [shared if key is None else key.source for key in joint.keys]
             for key in dict.fromkeys(errors):  # the columns of each error that has a key, and the others
                 of_error = whole[:, [known == key for known in errors]]

@@ -19,6 +19,7 @@ from ...core.presentation.shown import Shown
 from ...core.presentation.units import MM_PER_M
 from ...errors import InputError
 from ...findings import GROSS_EXCESS, Finding, Severity
+from ...model.errors.columns import times
 from ...model.errors.joint_covariance import joint_of
 from ..graph.gauss_helmert import Fit
 from ..graph.robust import FULL, RobustFit, is_weak_minority, largest_by_chance, pose_distances
@@ -210,7 +211,7 @@ def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
 def _of_each(fit: Fit) -> Array:
     """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``."""
     S = joint_of(fit.S)
-    return fit.residual if S is None else np.asarray(fit.residual - S.shared @ fit.told_of_shared.z)
+    return fit.residual if S is None else np.asarray(fit.residual - times(S.columns, fit.told_of_shared.z))
 
 
 @document_of.register(PoseTable)

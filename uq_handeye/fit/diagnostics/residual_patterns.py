@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betainc, chdtrc, ndtr
 
 from ...core.files.records import Record
@@ -34,7 +35,7 @@ from ...model.errors.joint_covariance import joint_of
 from ...model.errors.square_roots import gram, is_joint, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ..graph.gauss_helmert import Fit
-from ..graph.own_residuals import own_residuals
+from ..graph.own_residuals import own_errors, own_residuals
 
 # Fewest rows that are tested.
 MIN_ROWS = 8
@@ -90,8 +91,9 @@ def residual_tests(
     The autocorrelation is not tested on the residuals that it was estimated from.
     """
     known: Array | float = 0.0
-    if joint_of(fit.S) is not None:
-        white, J, _, known = own_residuals(fit)
+    of_all = joint_of(fit.S) is not None
+    if of_all:
+        white = own_errors(fit)
     elif is_joint(fit.S):  # a joint S would carry a rejected pose into the rows behind it: weights in the factor
         stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
         white, J = stacked[..., -1], stacked[..., :-1]
@@ -104,6 +106,11 @@ def residual_tests(
     rows = rows[np.sort(distinct)]  # copies of a row repeat its residual
     if poses is not None and poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
+    if of_all:
+        rows = in_runs(rows)
+        _, J, _, known = own_residuals(fit, rows)
+    else:
+        J = J[rows]
 
     needed = max(MIN_ROWS, J.shape[-1] // 6 + 3)  # J has the shared errors, too: they may take most of the residuals
 
@@ -117,7 +124,7 @@ def residual_tests(
         why = "exact"
     elif len(rows) < needed:
         why = "too few"
-    elif 6 * len(rows) - np.sum(_orthonormal(J[rows]) ** 2) < MIN_FREEDOM:
+    elif 6 * len(rows) - np.sum(_orthonormal(J) ** 2) < MIN_FREEDOM:
         why = "unknowns"
     unknown = np.zeros(0), np.zeros(0), None, None, None, None
     if why is not None:
@@ -126,7 +133,7 @@ def residual_tests(
             Normality(untested("normality", why), np.zeros(0), None, None, None, None),
             Regression(untested("pattern", why), None, None, None),
         )
-    r, U = standardised(white[rows], J[rows])
+    r, U = standardised(white[rows], J)
     skewness, kurtosis, p = normality_of(r)
     normality = Normality(None, skewness, float(kurtosis), *(float(value) for value in p))
     found = regression_of(r, U, _regressors(second[rows]))
@@ -136,7 +143,19 @@ def residual_tests(
         regression = Regression(None, *(float(value) for value in found))
     if correlation_estimated:
         return Autocorrelation(untested("autocorrelation", "estimated"), *unknown), normality, regression
-    return _autocorrelation(r, U, J[rows], known), normality, regression
+    return _autocorrelation(r, U, J, known), normality, regression
+
+
+def in_runs(rows: NDArray[np.intp], most: int = 5_000, runs: int = 10) -> NDArray[np.intp]:
+    """Return at most so many of the rows, in runs of neighbours that are evenly spread over all of them.
+
+    Patterns beside the columns of shared errors are looked for in these.
+    """
+    if len(rows) <= most:
+        return rows
+    length = most // runs
+    starts = np.linspace(0, len(rows) - length, runs).round().astype(np.intp)
+    return np.asarray(rows[(starts[:, None] + np.arange(length)).ravel()])
 
 
 def standardised(r: Array, J: Array) -> tuple[Array, Array]:

@@ -63,11 +63,12 @@ from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
 from ...core.rounding import PRODUCT_ROUNDING, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError, require_integer
+from ...model.errors.columns import MANY_POSES
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.square_roots import cholesky_of, is_joint, whiten
 from ..graph.constraint import MIN_RESOLVED_SHARE
 from ..graph.gauss_helmert import Fit
-from ..graph.own_residuals import own_residuals
+from ..graph.own_residuals import of_unknowns_alone, own_residuals
 
 # The shares ``-B_k J_k`` of the poses in the estimate add up to 1; one with an eigenvalue below this is no weight.
 MIN_SHARE_OF_POSE = -0.05
@@ -247,7 +248,8 @@ def influence_of(fit: Fit) -> Influence:
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them;
-    what a prior says of X and W is known beforehand.
+    what a prior says of X and W is known beforehand. Beside `MANY_POSES` they are eliminated: a pose then counts by its
+    leverage on X and W, and draws leave the estimate of the shared errors as it is.
     On motions the clusters are motions, which must not share poses. Raises `InputError` for fewer than 7 clusters and
     for noise that is joint over the poses, which then are no independent clusters.
     """
@@ -257,6 +259,9 @@ def influence_of(fit: Fit) -> Influence:
         covariance = fit.covariance
         if fit.prior is not None and covariance.ndim == 2:
             known = fit.prior.normal_equations(fit.X, fit.W)[0]
+    elif _declared(fit) and len(fit.residual) > MANY_POSES:
+        residual, J, known = of_unknowns_alone(fit)
+        covariance = fit.covariance
     elif _declared(fit):
         residual, J, covariance, known = own_residuals(fit)
     else:

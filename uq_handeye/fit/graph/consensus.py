@@ -227,11 +227,26 @@ def _smallest(values: Array, count: int) -> Array:
     return result
 
 
-def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Array) -> tuple[Unknowns, Array] | None:
+def _concentrate(
+    constraint: Constraint, noise: Noise, at: Unknowns, inside: Array, rows_together: int = 20_000
+) -> tuple[Unknowns, Array] | None:
     """The best of the unknowns (k, 4, 4), each fitted to the rows inside (k, n) and those chosen again, in turn.
 
-    The model is linearised once, at the unknowns; None where no set of rows inside determines X.
+    So many rows are held at once, of as many of the unknowns; None where no set of rows inside determines X.
     """
+    together, found = max(1, rows_together // constraint.n), []
+    for start in range(0, len(at.X), together):
+        part = slice(start, start + together)
+        some = Unknowns(at.X[part], None if at.W is None else at.W[part])
+        if (one := _concentrated(constraint, noise, some, inside[part])) is not None:
+            found.append(one)
+    return min(found, key=lambda one: one[0])[1:] if found else None
+
+
+def _concentrated(
+    constraint: Constraint, noise: Noise, at: Unknowns, inside: Array
+) -> tuple[float, Unknowns, Array] | None:
+    """`_concentrate` of some unknowns, with the squares that the best leaves; the model is linearised once."""
     linear = constraint.linearise(at, constraint.first, constraint.second)
     S = np.asarray(residual_covariance(linear.sides, noise))
     white = whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1))
@@ -253,9 +268,10 @@ def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Arr
         residual = white[..., -1] + (white[..., :-1] @ step[..., None, :, :])[..., 0]
         d2 = (residual * residual).sum(axis=-1)
         inside = _smallest(d2, majority)
-    k = int(np.argmin((d2 * inside).sum(axis=-1)))
+    left = (d2 * inside).sum(axis=-1)
+    k = int(np.argmin(left))
     best = Unknowns(at.X[k], None if at.W is None else at.W[k])
-    return best.moved(step[k, :, 0]), inside[k]
+    return float(left[k]), best.moved(step[k, :, 0]), inside[k]
 
 
 def _isotropic(variances: Array, constraint: Constraint) -> Noise:

@@ -47,6 +47,7 @@ from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...core.rounding import TINY
 from ...model.errors.cholesky import checked_cholesky, inverse_factor
+from ...model.errors.columns import some_rows
 from ...model.errors.term import SIDES, ErrorTerm
 from .constraint import MIN_RESOLVED_SHARE, Linearised
 
@@ -187,7 +188,7 @@ class LatentModel(ReadOnlyArrays):
         for k, part in enumerate(components):
             D = carried[part.side]
             if part.columns is not None:
-                shared.append(D @ part.columns)
+                shared.append(D @ some_rows(part.columns, slice(None)))
             if part.block is not None:
                 B = D @ part.block
                 square = B @ B.mT

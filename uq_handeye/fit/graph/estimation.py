@@ -25,6 +25,7 @@ from ...core.levels import INTERVAL
 from ...core.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import InputError
 from ...model.errors.camera_noise import CameraNoise
+from ...model.errors.columns import MANY_POSES, Columns, scaled, side_by_side, squares, turned
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import (
@@ -183,7 +184,7 @@ class JointModel:
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
             keys = _keys(self.robot, ROBOT_SHARED)
-            found.append(ErrorTerm(ROBOT_SHARED, "robot", Size(1.0), columns=self.robot.shared, keys=keys))
+            found.append(ErrorTerm(ROBOT_SHARED, "robot", Size(1.0), columns=self.robot.columns, keys=keys))
         return found
 
     def _known_camera(self) -> list[ErrorTerm]:
@@ -199,10 +200,10 @@ class JointModel:
                 found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.fixed(), keys=rest))
         elif isinstance(S, JointCovariance):
             key = SCENE_FEATURES if self.of_scene else INTRINSICS
-            found.append(ErrorTerm(key, "camera", Size(1.0), columns=S.shared, keys=_keys(S, key)))
+            found.append(ErrorTerm(key, "camera", Size(1.0), columns=S.columns, keys=_keys(S, key)))
         if self.excess is not None:
             key = SCENE_EXCESS if self.of_scene else CAMERA_EXCESS
-            found.append(ErrorTerm(key, "camera", SIZES[key], self.excess.shared, _root(self.excess.own)))
+            found.append(ErrorTerm(key, "camera", SIZES[key], self.excess.columns, _root(self.excess.own)))
         if self.shift is not None:
             found.append(ErrorTerm(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
         return found
@@ -214,10 +215,11 @@ class JointModel:
                 continue
             assert self.poses is not None
             size = Size(1.0, error.factor)
-            columns, known = error.at(self.poses) * error.sd, error.sd > 0
-            keys = tuple(compress(error.keys, known))
+            known, columns = error.sd > 0, Columns.of([error.factor_at(self.poses)], error.sd)
+            keys, of = tuple(compress(error.keys, known)), columns.some(np.flatnonzero(known))
             rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
-            found.append(ErrorTerm(error.key, error.side, size, columns[..., known], rest, keys))
+            each = of.rows(slice(None)) if of.n <= MANY_POSES else of
+            found.append(ErrorTerm(error.key, error.side, size, each, rest, keys))
         return found
 
     # ------------------------------------------------------------------------------------------- estimation
@@ -397,7 +399,7 @@ class FoundSizes:
         for side in ("robot", "camera"):
             own: Array | None = source.known.get(side)
             own = None if own is not None and not own.any() else own
-            columns: list[Array] = []
+            columns: list[Array | Columns] = []
             keys: list[ErrorKey] = []
             for part in source.components:
                 if part.side != side:
@@ -408,16 +410,16 @@ class FoundSizes:
                     more = 0.5 * s * s * (square + square.mT)
                     own = more if own is None else own + more
                 if part.columns is not None:
-                    columns.append(s * part.columns if turns is not None else self._sized(part, s))
+                    columns.append(self._sized(part, s) if turns is None else scaled(part.columns, s))
                     keys += part.keys
             if columns:
                 n = source.constraint.n
                 each = np.zeros((n, 6, 6)) if own is None else np.broadcast_to(own, (n, 6, 6))
-                shared = np.concatenate(columns, axis=-1)
+                shared = side_by_side(columns)
                 if turns is not None:
                     turn, energy = turns[side]
-                    faint = shared @ turn[:, energy < ROUGH_GAIN]
-                    shared, each, keys = shared @ turn[:, energy >= ROUGH_GAIN], each + faint @ faint.mT, []
+                    each, keys = each + squares(shared, turn[:, energy < ROUGH_GAIN]), []
+                    shared = turned(shared, turn[:, energy >= ROUGH_GAIN])
                 sides[side] = JointCovariance(each, shared, tuple(keys))
             else:
                 sides[side] = own
@@ -426,12 +428,12 @@ class FoundSizes:
         A, B = (None if S is None else np.asarray(S) for S in sides.values())
         return PairNoise(A, B)
 
-    def _sized(self, part: ErrorTerm, size: float) -> Array:
+    def _sized(self, part: ErrorTerm, size: float) -> Array | Columns:
         """Return columns of one standard deviation of each number, bit by bit as a file computes them (`by_poses`)."""
         error = next((error for error in self.source.errors if error.key == part.key), None)
         assert part.columns is not None
-        if error is None or self.source.poses is None:
-            return size * part.columns
+        if error is None or self.source.poses is None or isinstance(part.columns, Columns):
+            return scaled(part.columns, size)
         return np.asarray(error.at(self.source.poses)[..., error.sd > 0] * (size * error.sd[error.sd > 0]))
 
     @cached_property

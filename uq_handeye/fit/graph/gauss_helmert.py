@@ -37,6 +37,7 @@ from ...core.read_only import ReadOnlyArrays
 from ...core.rounding import SOLUTION_ROUNDING, rounding
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
 from ...model.errors.cholesky import substitute
+from ...model.errors.columns import against
 from ...model.errors.joint_covariance import JointFactor
 from ...model.errors.models import Noise, PairNoise, PoseNoise, with_prior
 from ...model.errors.pose_prior import PosePrior
@@ -215,7 +216,7 @@ class Fit(ReadOnlyArrays):
         p = self.linear.J.shape[-1]
         white = substitute(factor.B, np.concatenate([self.linear.J, self.residual[..., None]], axis=-1))
         half = np.linalg.inv(factor.C)  # P = half^T half
-        pulled = half.mT @ (half @ (factor.V.mT @ white.reshape(*white.shape[:-3], -1, p + 1)))
+        pulled = half.mT @ (half @ against(factor.V, white))
         by_J = pulled[..., :p].mT
         response = -self.covariance @ by_J
         left = half.mT @ half - by_J.mT @ response

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ...model.errors.columns import some_rows
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import INTRINSICS, SCENE_EXCESS, SCENE_FEATURES, TARGET_SCALE
 from ...model.errors.sizes import SIZES, Size
@@ -84,7 +85,9 @@ class RigNoise(ReadOnlyArrays):
         for side, K in by.items():
             of_side = [term for term in shared if term.side == side]
             sizes = [np.ones(K.shape[-1]), *(np.full(term.count, term.size.median) for term in of_side)]
-            by[side] = np.concatenate([K, *(term.columns for term in of_side if term.columns is not None)], axis=-1)
+            by[side] = np.concatenate(
+                [K, *(some_rows(term.columns, slice(None)) for term in of_side if term.columns is not None)], axis=-1
+            )
             by[side] *= np.concatenate(sizes)
         of_robot = np.concatenate([self.of_robot, *(np.full(term.count, term.side == "robot") for term in shared)])
         keys = (*self.keys, *(key for term in shared for key in term.keys))

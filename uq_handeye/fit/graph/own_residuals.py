@@ -10,12 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.errors.columns import some_rows, times
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.keys import CAMERA_SCALE
-from ...model.errors.square_roots import cholesky_of, whiten
+from ...model.errors.square_roots import cholesky_of, gram, whiten
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import MIN_RESOLVED_SHARE
 from .gauss_helmert import Fit
@@ -34,8 +36,18 @@ class OwnResiduals(NamedTuple):
     known: Array  # (p + q, p + q) information of the priors
 
 
-def own_residuals(fit: Fit) -> OwnResiduals:
-    """Return the own residuals of one fit; raises `InputError` on fits of several data sets."""
+def own_errors(fit: Fit) -> Array:
+    """(n, 6) the own residuals of one fit alone."""
+    S = joint_of(fit.S)
+    assert S is not None
+    off = fit.residual - times(S.columns, fit.told_of_shared.z)
+    return np.asarray(whiten(cholesky_of(S.own), off[..., None])[..., 0])
+
+
+def own_residuals(fit: Fit, rows: NDArray[np.intp] | None = None) -> OwnResiduals:
+    """Return the own residuals of one fit, of all ``rows`` or of some; raises `InputError` on fits of several data
+    sets.
+    """
     S = joint_of(fit.S)
     assert S is not None
     if fit.covariance.ndim != 2:
@@ -45,15 +57,31 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     share, axes = np.linalg.eigh(left)
     axes = axes[:, share * (1.0 + MIN_RESOLVED_SHARE) < 1.0]
     p, q = fit.covariance.shape[-1], axes.shape[-1]
-    F = S.shared @ axes
-    white = whiten(
-        cholesky_of(S.own), np.concatenate([fit.linear.J, F, (fit.residual - S.shared @ z)[..., None]], axis=-1)
-    )
+    J, residual = fit.linear.J, fit.residual
+    if rows is not None:
+        S, J, residual = S.rows(rows), J[rows], residual[rows]
+    F, off = times(S.columns, axes), residual - times(S.columns, z)
+    white = whiten(cholesky_of(S.own), np.concatenate([J, F, off[..., None]], axis=-1))
     M = np.block([[fit.covariance, response @ axes], [(response @ axes).T, axes.T @ left @ axes]])
     known = np.diag((np.arange(p + q) >= p).astype(float))
     if fit.prior is not None:
         known[:p, :p] = fit.prior.normal_equations(fit.X, fit.W)[0]
     return OwnResiduals(white[..., -1], white[..., :-1], M, known)
+
+
+def of_unknowns_alone(fit: Fit) -> tuple[Array, Array, Array]:
+    r"""e (n, 6), J (n, 6, p) and the information (p, p) beside the rows that leaves the unknown poses alone.
+
+    The estimate is ``x = -C J^T r - R F^T r`` with the covariance C and the response R of X and W to the shared errors:
+    that of rows ``J + F R^T C^-1`` and no shared errors, which many poses determine as well.
+    """
+    S = joint_of(fit.S)
+    assert S is not None
+    information = np.linalg.inv(fit.covariance)
+    J = fit.linear.J + times(S.columns, fit.told_of_shared.response.T @ information)
+    white = np.asarray(whiten(cholesky_of(S.own), J))
+    w = np.ones(len(J)) if fit.weights is None else fit.weights
+    return own_errors(fit), white, information - gram(np.sqrt(w)[:, None, None] * white)
 
 
 def walks(fit: Fit, poses: PosePairs) -> bool:
@@ -68,11 +96,11 @@ def walks(fit: Fit, poses: PosePairs) -> bool:
     if len(rows) < MIN_POSES_OF_WALK:
         return False
     S = joint_of(fit.S)
-    white = fit.white[0] if S is None else own_residuals(fit).e
+    white = fit.white[0] if S is None else own_errors(fit)
     series = [white]
     if S is not None and CAMERA_SCALE in S.keys:
         series += [*white.T[..., None]]
-        by_scale = whiten(cholesky_of(S.own), S.shared[..., [S.keys.index(CAMERA_SCALE)]])[..., 0]
+        by_scale = whiten(cholesky_of(S.own), some_rows(S.some([S.keys.index(CAMERA_SCALE)]), slice(None)))[..., 0]
         series.append((by_scale * white).sum(axis=-1, keepdims=True))
     return any(_neighbours_alike(values[rows]) for values in series)
 

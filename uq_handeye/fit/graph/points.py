@@ -30,6 +30,7 @@ from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...core.rounding import CHAIN_ROUNDING
+from ...model.errors.columns import some_rows
 from ...model.errors.joint_covariance import JointCovariance, joint_of
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import INTRINSICS
@@ -215,10 +216,11 @@ class OpenSizes(ReadOnlyArrays):
                 continue
             S, first = joint_of(noise.sides[part.side]), of_side[part.side]
             last = first + part.count
-            if S is None or size == 0 or S.shared.shape[-1] < last or S.n <= self.used.max():
+            if S is None or size == 0 or S.columns.shape[-1] < last or S.n <= self.used.max():
                 return None
             D = self.sides[SIDES.index(part.side)]
-            found[..., at : at + part.count] = D @ S.shared[self.used, :, first:last] / size
+            columns = some_rows(S.some(range(first, last)), self.used)
+            found[..., at : at + part.count] = D @ columns / size
             at, of_side[part.side] = at + part.count, last
         return found
 

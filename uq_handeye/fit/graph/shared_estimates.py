@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 
 from ...core.geometry.se3 import Array, perturb
 from ...core.rounding import CHAIN_ROUNDING, EPS
+from ...model.errors.columns import parts_of, some_rows, times
 from ...model.errors.error_estimate import ErrorEstimate
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.key import ErrorKey, Owner
@@ -75,7 +76,7 @@ def _told(fit: Fit, noise: Noise, columns: Sequence[tuple[int, int]]) -> Told:
     if joint_of(fit.S) is None:
         f = [fit.linear.sides[k] @ S.shared[..., j, None] for k, j in columns if (S := sides[k]) is not None]
         return fit.told(np.concatenate([*f, np.zeros((*fit.residual.shape, 0))], axis=-1))
-    before = 0 if sides[0] is None else sides[0].shared.shape[-1]  # S has those of the first side first
+    before = 0 if sides[0] is None else sides[0].columns.shape[-1]  # S has those of the first side first
     return fit.told_of_shared.of(np.array([j + k * before for k, j in columns], dtype=np.intp))
 
 
@@ -93,23 +94,24 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
     for place, moved in ((slice(0, 6), Owner.CAMERA), (slice(6, 12), Owner.TARGET)):
         of = [j for j, key in enumerate(S.keys) if key is not None and key.error == DRIFTS[moved]]
         if of:
-            f = fit.linear.sides[1] @ S.shared[..., of]
             z, _, left = _told(fit, noise, [(1, j) for j in of])
-            xi = np.linalg.solve(fit.linear.J[..., place], f)
-            found[place, place] = np.mean(xi @ (np.outer(z, z) + left) @ xi.mT, axis=0)
+            for rows in parts_of(S.n):
+                f = fit.linear.sides[1][rows] @ some_rows(S.some(of), rows)
+                xi = np.linalg.solve(fit.linear.J[rows, :, place], f)
+                found[place, place] += (xi @ (np.outer(z, z) + left) @ xi.mT).sum(axis=0) / S.n
     values, vectors = np.linalg.eigh(found)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))) if found.any() else None
 
 
 def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:
     """The measured poses of both sides less the shared errors, as the residuals tell them; None without any."""
-    shared = [S if S is None else S.shared for S in map(joint_of, covariances_of(noise))]
-    if not any(F is not None and F.size for F in shared):
+    shared = [S if S is None else S.columns for S in map(joint_of, covariances_of(noise))]
+    if not any(F is not None and F.shape[-1] for F in shared):
         return None
     found = []
     for k, (T, F) in enumerate(zip((first, second), shared, strict=True)):
         if F is not None:
-            T = perturb(T, -F @ _told(fit, noise, [(k, j) for j in range(F.shape[-1])]).z)
+            T = perturb(T, -times(F, _told(fit, noise, [(k, j) for j in range(F.shape[-1])]).z))
         found.append(T)
     return found[0], found[1]
 

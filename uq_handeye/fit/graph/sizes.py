@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, perturb
+from ...model.errors.columns import some_rows
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, ROBOT_ACCURACY, TARGET_SCALE
 from ...model.errors.sizes import SIZES, Size
@@ -395,9 +396,9 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, pr
             if part.columns is not None:
                 m = part.count
                 if of_robot:
-                    shared.append(D_R @ part.columns[batch.robots].reshape(b, 6 * q, m))
+                    shared.append(D_R @ some_rows(part.columns, batch.robots).reshape(b, 6 * q, m))
                 else:
-                    shared.append((D_C @ part.columns[batch.edges]).reshape(b, 6 * e, m))
+                    shared.append((D_C @ some_rows(part.columns, batch.edges)).reshape(b, 6 * e, m))
             if part.block is not None:
                 S = part.block @ part.block.mT
                 blocks[k] = noise_of_robots(D_R, S[batch.robots]) if of_robot else noise_of_cameras(D_C, S[batch.edges])

@@ -142,11 +142,11 @@ def steps_of(fit: Fit, order: NDArray[np.intp]) -> list[Step]:
 
     Rows with a robust weight w count by w. Raises `SingularNoiseError` where the noise of a pose is singular.
     """
-    n, S = len(order), joint_form(fit.S, len(fit.residual))
-    half = np.linalg.inv(checked_cholesky(S.own[order]))
+    n, S = len(order), joint_form(fit.S, len(fit.residual)).rows(order)
+    half = np.linalg.inv(checked_cholesky(S.own))
     if fit.weights is not None:
         half = np.sqrt(np.maximum(fit.weights[order], LEAST_WEIGHT))[:, None, None] * half
-    white = half @ np.concatenate([fit.linear.J[order], S.shared[order], fit.residual[order][..., None]], axis=-1)
+    white = half @ np.concatenate([fit.linear.J[order], S.shared, fit.residual[order][..., None]], axis=-1)
     A, e = white[..., :-1].reshape(6 * n, -1), white[..., -1].reshape(-1)
     H = A.T @ A
     np.einsum("ii->i", H)[12:] += 1.0

@@ -74,7 +74,7 @@ class CameraNoise(ReadOnlyArrays):
                 "camera_noise(..., pixel_sd=0.2), or take the `noise` of its result."
             )
         shared = self.joint.shared * np.where(self.scales, s, 1.0)
-        return replace(self.joint, own=s * s * self.joint.own, shared=shared)
+        return JointCovariance(s * s * self.joint.own, shared, self.joint.keys)
 
     def rows(self, index: Index) -> CameraNoise:
         """Return the noise of some of the poses."""

@@ -10,12 +10,14 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
-which `JointFactor` applies without forming it. A column may have the key of the error that it is a number of.
+which `JointFactor` applies without forming it. The columns of many poses are a `Columns`. A column may have the key of
+the error that it is a number of.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeAlias
 
@@ -28,13 +30,14 @@ from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .cholesky import checked_cholesky, substitute, substitute_transposed
+from .columns import MANY_POSES, Columns, against, scaled, second_moment, side_by_side, squares, times
 from .key import ErrorKey
 
 # Poses by their numbers or by a mask.
 Index: TypeAlias = NDArray[np.intp] | NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class JointCovariance(ReadOnlyArrays):
     """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
 
@@ -47,38 +50,43 @@ class JointCovariance(ReadOnlyArrays):
     """
 
     own: Array
-    shared: Array
-    keys: tuple[ErrorKey | None, ...] = ()
+    columns: Array | Columns
+    keys: tuple[ErrorKey | None, ...]
 
     correlated: ClassVar[bool] = True
     __array_ufunc__ = None  # `array @ S` comes here
 
-    def __post_init__(self) -> None:
-        own, shared = (np.asarray(getattr(self, name), dtype=float) for name in ("own", "shared"))
-        if own.ndim < 3 or own.shape[-2:] != (6, 6) or shared.ndim < 3 or shared.shape[-3:-1] != (own.shape[-3], 6):
-            raise InputError(
-                f"Expected `own` (n, 6, 6) and `shared` (n, 6, q) of one n, got {own.shape} and {shared.shape}."
-            )
+    def __init__(self, own: Array, shared: Array | Columns, keys: Sequence[ErrorKey | None] = ()) -> None:
+        own = np.asarray(own, dtype=float)
+        columns = shared if isinstance(shared, Columns) else np.asarray(shared, dtype=float)
+        shape = columns.shape
+        if own.ndim < 3 or own.shape[-2:] != (6, 6) or len(shape) < 3 or shape[-3:-1] != (own.shape[-3], 6):
+            raise InputError(f"Expected `own` (n, 6, 6) and `shared` (n, 6, q) of one n, got {own.shape} and {shape}.")
         object.__setattr__(self, "own", own)
-        object.__setattr__(self, "shared", shared)
-        keys = tuple(self.keys) or (None,) * shared.shape[-1]
-        if len(keys) != shared.shape[-1]:
-            raise InputError(f"Expected a key for each of {shared.shape[-1]} shared columns, got {len(keys)}.")
+        object.__setattr__(self, "columns", columns)
+        keys = tuple(keys) or (None,) * shape[-1]
+        if len(keys) != shape[-1]:
+            raise InputError(f"Expected a key for each of {shape[-1]} shared columns, got {len(keys)}.")
         object.__setattr__(self, "keys", keys)
-        super().__post_init__()
+        self.__post_init__()
 
     @classmethod
     def of_each(cls, own: Array) -> JointCovariance:
         """Return the covariance of poses that share no errors, own (n, 6, 6)."""
         return cls(own, np.zeros((*own.shape[:-1], 0)))
 
+    @property
+    def shared(self) -> Array:
+        """F (..., n, 6, q) as an array."""
+        return self.columns.array() if isinstance(self.columns, Columns) else self.columns
+
     def checked(self, name: str) -> JointCovariance:
         """Return it as a side of `PoseNoise`: of one set of poses, finite, positive semidefinite."""
-        if self.own.ndim != 3 or self.shared.ndim != 3:
+        if self.own.ndim != 3 or len(self.columns.shape) != 3:
             raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {self.shape}.")
-        if not np.isfinite(self.shared).all():
+        if not np.isfinite(second_moment(self.columns)).all():
             raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
-        return replace(self, own=checked_covariance(self.own, name, joint=False))
+        return JointCovariance(checked_covariance(self.own, name, joint=False), self.columns, self.keys)
 
     @property
     def n(self) -> int:
@@ -88,7 +96,7 @@ class JointCovariance(ReadOnlyArrays):
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the array, (..., 6n, 6n)."""
-        return (*np.broadcast_shapes(self.own.shape[:-3], self.shared.shape[:-3]), 6 * self.n, 6 * self.n)
+        return (*np.broadcast_shapes(self.own.shape[:-3], self.columns.shape[:-3]), 6 * self.n, 6 * self.n)
 
     @property
     def ndim(self) -> int:
@@ -100,7 +108,8 @@ class JointCovariance(ReadOnlyArrays):
     @cached_property
     def flat(self) -> Array:
         """F (..., 6n, q)."""
-        return self.shared.reshape(*self.shared.shape[:-3], 6 * self.n, self.shared.shape[-1])
+        shared = self.shared
+        return shared.reshape(*shared.shape[:-3], 6 * self.n, shared.shape[-1])
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         dense = np.array(np.broadcast_to(self.flat @ self.flat.mT, self.shape), dtype=dtype)
@@ -114,6 +123,9 @@ class JointCovariance(ReadOnlyArrays):
         if values.ndim == 1:
             return np.asarray((self @ values[:, None])[..., 0])
         by_pose = self.own @ values.reshape(*values.shape[:-2], self.n, 6, values.shape[-1])
+        if isinstance(self.columns, Columns):
+            of_all = against(self.columns, values.reshape(self.n, 6, values.shape[-1]))
+            return (by_pose + times(self.columns, of_all)).reshape(values.shape)
         found = by_pose.reshape(*by_pose.shape[:-3], *values.shape[-2:]) + self.flat @ (self.flat.mT @ values)
         return np.asarray(found)
 
@@ -122,40 +134,50 @@ class JointCovariance(ReadOnlyArrays):
         return (self @ values.mT).mT
 
     def __mul__(self, factor: float) -> JointCovariance:
-        return JointCovariance(factor * self.own, np.sqrt(factor) * self.shared, self.keys)
+        return JointCovariance(factor * self.own, scaled(self.columns, float(np.sqrt(factor))), self.keys)
 
     __rmul__ = __mul__
 
     def any(self) -> bool:
         """Return whether it is not zero."""
-        return bool(self.own.any() or self.shared.any())
+        return bool(self.own.any() or np.diagonal(second_moment(self.columns), axis1=-2, axis2=-1).any())
 
     @property
     def blocks(self) -> Array:
         """(..., n, 6, 6) the covariance of each pose by itself."""
-        return np.asarray(self.own + self.shared @ self.shared.mT)
+        return np.asarray(self.own + squares(self.columns))
 
     def rows(self, index: Index) -> JointCovariance:
         """Return the joint covariance of some of the poses."""
-        return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.keys)
+        F = self.columns
+        own = self.own[..., index, :, :]
+        if not isinstance(F, Columns):
+            return JointCovariance(own, F[..., index, :, :], self.keys)
+        return JointCovariance(own, F.rows(index) if len(own) <= MANY_POSES else F.kept(index), self.keys)
+
+    def some(self, of: Sequence[int] | NDArray[np.intp]) -> Array | Columns:
+        """Return some of the columns (..., n, 6, k), by their numbers in ascending order."""
+        F = self.columns
+        return F.some(np.asarray(of, dtype=np.intp)) if isinstance(F, Columns) else F[..., list(of)]
 
     def carried(self, D: Array) -> JointCovariance:
         """Return the covariance of ``D_i xi_i``, D (..., n, 6, 6)."""
-        return JointCovariance(D @ self.own @ D.mT, D @ self.shared, self.keys)
+        F = self.columns
+        return JointCovariance(D @ self.own @ D.mT, F.carried(D) if isinstance(F, Columns) else D @ F, self.keys)
 
     def weighted(self, scale: Array) -> JointCovariance:
         """Return the covariance with each pose's own part times ``scale`` (..., n), and the shared part as it is.
 
         Scaling the whole of each block would make an error that all poses share look like one that averages out.
         """
-        return JointCovariance(scale[..., None, None] * self.own, self.shared, self.keys)
+        return JointCovariance(scale[..., None, None] * self.own, self.columns, self.keys)
 
     def plus(self, other: Array | JointCovariance) -> JointCovariance:
         """Add independent errors of each pose (..., n, 6, 6), or another joint covariance."""
         if isinstance(other, JointCovariance):
-            shared = np.concatenate([self.shared, other.shared], axis=-1)
-            return JointCovariance(self.own + other.own, shared, self.keys + other.keys)
-        return JointCovariance(self.own + other, self.shared, self.keys)
+            F = side_by_side([self.columns, other.columns])
+            return JointCovariance(self.own + other.own, F, self.keys + other.keys)
+        return JointCovariance(self.own + other, self.columns, self.keys)
 
     def to_dict(self) -> JsonObject:
         """Plain numbers, for files; `from_dict` reads them."""
@@ -180,7 +202,7 @@ class JointCovariance(ReadOnlyArrays):
     @cached_property
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a block of ``own`` is singular."""
-        return JointFactor.of(self.own, self.shared)
+        return JointFactor.of(self.own, self.columns)
 
 
 def joint_of(S: Array | JointCovariance | None) -> JointCovariance | None:
@@ -214,28 +236,29 @@ class JointFactor:
     """
 
     B: Array  # (..., n, k, k)
-    V: Array  # (..., kn, q)
+    V: Array | Columns  # (..., n, k, q)
     C: Array  # (..., q, q)
     K: Array  # (..., q, q)
 
     @classmethod
-    def of(cls, own: Array, shared: Array) -> JointFactor:
+    def of(cls, own: Array, shared: Array | Columns) -> JointFactor:
         """L with ``L L^T`` the covariance by blocks (..., n, k, k) and columns (..., n, k, q).
 
         Raises `SingularNoiseError` where a block is singular.
         """
         B = checked_cholesky(own)
-        V = substitute(B, shared)
-        V = V.reshape(*V.shape[:-3], V.shape[-3] * V.shape[-2], V.shape[-1])
+        V = (
+            shared.carried(np.asarray(np.linalg.inv(B), dtype=float))
+            if isinstance(shared, Columns)
+            else substitute(B, shared)
+        )
         one = np.eye(V.shape[-1])
-        C = np.asarray(np.linalg.cholesky(one + V.mT @ V), dtype=float)
+        C = np.asarray(np.linalg.cholesky(one + second_moment(V)), dtype=float)
         return cls(B, V, C, np.linalg.inv(C @ (one + C).mT))
 
     def _reflected(self, values: Array, K: Array) -> Array:
         """``(I - V K V^T)`` times (..., n, k, p)."""
-        flat = values.reshape(*values.shape[:-3], values.shape[-3] * values.shape[-2], values.shape[-1])
-        flat = flat - self.V @ (K @ (self.V.mT @ flat))
-        return np.asarray(flat.reshape(*flat.shape[:-2], *values.shape[-3:]))
+        return values - times(self.V, K @ against(self.V, values))
 
     def whiten(self, values: Array) -> Array:
         """``L^-1 values`` (..., n, k, p)."""
@@ -252,7 +275,8 @@ class JointFactor:
 
     def inverse_blocks(self) -> Array:
         """(..., n, 6, 6) diagonal blocks of ``Sigma^-1 = B^-T (I - V (C C^T)^-1 V^T) B^-1``."""
-        V = self.V @ np.linalg.inv(self.C).mT
-        half = np.linalg.inv(self.B)
-        left = half.mT @ V.reshape(*V.shape[:-2], V.shape[-2] // 6, 6, V.shape[-1])
-        return np.asarray(half.mT @ half - left @ left.mT)
+        half, root = (np.asarray(np.linalg.inv(M), dtype=float) for M in (self.B, self.C.mT))
+        if not isinstance(self.V, Columns):
+            left = half.mT @ times(self.V, root)
+            return np.asarray(half.mT @ half - left @ left.mT)
+        return np.asarray(half.mT @ half - squares(self.V.carried(half.mT), root))

@@ -93,6 +93,11 @@ class _TwoSides(Record):
         joint = {name: np.asarray(S) for name, S in self.sides.items() if isinstance(S, JointCovariance)}
         return self._with(self.sides | joint)
 
+    def without_columns(self) -> Self:
+        """Return the same with what each pose has by itself in place of each `JointCovariance`."""
+        own = {name: JointCovariance.of_each(S.own) for name, S in self.sides.items() if isinstance(S, JointCovariance)}
+        return self._with(self.sides | own) if own else self
+
     def __repr__(self) -> str:
         sizes = {name: dict.fromkeys(size_words(S)) for name, S in self.sides.items()}
         text = "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items())

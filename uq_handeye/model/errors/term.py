@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
+from .columns import Columns, some_rows
 from .key import ErrorKey, Kind, Owner
 from .models import factor
 from .sizes import Size, SizeLike, checked_sizes
@@ -35,7 +36,7 @@ class ErrorTerm(ReadOnlyArrays):
     key: ErrorKey
     side: str
     size: Size
-    columns: Array | None = None
+    columns: Array | Columns | None = None
     block: Array | None = None
     keys: tuple[ErrorKey, ...] = ()  # of the m columns; empty: counted from 1, or the key of the error where m = 1
 
@@ -47,7 +48,7 @@ class ErrorTerm(ReadOnlyArrays):
         if self.columns is None and self.block is None:
             raise InputError(f"Expected `columns` or `block` of the component {self.name!r}.")
         for name in ("columns", "block"):
-            if getattr(self, name) is not None:
+            if not isinstance(getattr(self, name), Columns | None):
                 object.__setattr__(self, name, self._checked(name))
         m = self.count
         keys = tuple(self.keys) or ((self.key,) if m == 1 else tuple(self.key.number(k + 1) for k in range(m)))
@@ -88,7 +89,7 @@ class ErrorTerm(ReadOnlyArrays):
 
     def rows(self, kept: NDArray[np.intp]) -> ErrorTerm:
         """Return the component of some of the poses."""
-        columns = None if self.columns is None else self.columns[kept]
+        columns = None if self.columns is None else some_rows(self.columns, kept)
         block = self.block if self.block is None or self.block.ndim == 2 else self.block[kept]
         return replace(self, columns=columns, block=block)
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from ..errors.columns import Products
 from ..errors.key import ErrorKey, Owner
 from ..errors.keys import (
     DRIFTS,
@@ -37,7 +38,7 @@ from .shared_error import SharedError, of_intrinsics, population_error, the_same
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
 
 
-def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Array:
+def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Products:
     """(m, 6, 6 k) columns at poses (m, 4, 4) camera_T_target, per step of 1 rad and 1 m.
 
     ``walked`` (n,): times of the poses from one to the next of which the walk goes; None: of these.
@@ -48,12 +49,11 @@ def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array 
     at, place = np.arange(1, n + 1), np.interp(timestamps, steps, np.arange(1, n + 1))
     mean, walk = (np.sqrt(2.0 * n) * np.sin(np.outer(k / n, rate)) / rate for k in (at, place))
     walk = walk - mean.mean(axis=0)  # the mean is in X or W
-    E = np.zeros((len(camera), 6, 6))
+    E = np.broadcast_to(np.eye(6), (len(camera), 6, 6))
     if target:
+        E = np.zeros((len(camera), 6, 6))
         E[:, :3, :3] = E[:, 3:, 3:] = camera[:, :3, :3]
-    else:
-        E[:] = np.eye(6)
-    return np.asarray(np.einsum("nm,nik->nimk", walk, E).reshape(len(camera), 6, -1))
+    return Products(walk, E)
 
 
 def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
@@ -155,7 +155,7 @@ def assumed_drift(poses: PosePairs, min_poses: int = 6) -> tuple[SharedError, ..
     found = []
     for of, key in DRIFTS.items():
         F, size = drift_columns(poses.camera, poses.timestamps, of == Owner.TARGET), SIZES[key]
-        keys = tuple(key.number(k + 1) for k in range(F.shape[-1]))
+        keys = tuple(key.number(k + 1) for k in range(F.width))
         sd = np.full(len(keys), size.median)
         found.append(SharedError(key, "", "camera", sd, keys, the_same(F), factor=size.factor, default=True))
     return tuple(found)

@@ -17,6 +17,7 @@ import numpy as np
 from ...core.files.json_values import JsonObject
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
+from ..errors.columns import relative_difference, some_rows
 from ..errors.joint_covariance import JointCovariance
 from ..errors.key import ErrorKey
 from ..poses.pose_pairs import PosePairs
@@ -55,24 +56,20 @@ class ColumnsByPoses(ReadOnlyArrays):
         return np.asarray(error.at(self.at)[..., of] * np.array([self.sd[one] for one in keys]))
 
     def shortened(self, S: JointCovariance, written: JsonObject) -> JsonObject:
-        """Return ``written``, the plain values of S, without the columns that follow from the poses."""
-        kept, groups = np.ones(S.shared.shape[-1], dtype=bool), []
+        """Return ``written``, the plain values of S without columns, with those that do not follow from poses."""
+        kept, groups = np.ones(S.columns.shape[-1], dtype=bool), []
         for error in dict.fromkeys(key.error for key in S.keys if key is not None):
             of = [j for j, key in enumerate(S.keys) if key is not None and key.error == error]
-            F = S.shared[..., of]
+            F = S.some(of)
             again = self.of(tuple(key for key in S.keys if key is not None and key.error == error))
-            if (
-                again is not None
-                and again.shape == F.shape
-                and np.allclose(again, F, 0.0, MAX_COLUMN_DIFFERENCE * np.abs(F).max())
-            ):
+            if again is not None and again.shape == F.shape and relative_difference(F, again) <= MAX_COLUMN_DIFFERENCE:
                 kept[of] = False
                 groups.append(error.to_dict())
-        if not groups:
-            return written
-        return written | {"shared": S.shared[..., kept].tolist(), "by_poses": groups}
+        rest = some_rows(S.some(np.flatnonzero(kept)), slice(None)).tolist()
+        keys: JsonObject = {"keys": [None if key is None else key.to_dict() for key in S.keys]} if any(S.keys) else {}
+        return written | {"shared": rest} | keys | ({"by_poses": groups} if groups else {})
 
-    def completed(self, written: Mapping[str, Any]) -> JsonObject:
+    def completed(self, written: Mapping[str, Any]) -> dict[str, Any]:
         """Return the plain values of a joint covariance with the columns that `shortened` left out."""
         groups = [ErrorKey.from_dict(key) for key in written["by_poses"]]
         keys = [None if key is None else ErrorKey.from_dict(key) for key in written["keys"]]
@@ -88,5 +85,4 @@ class ColumnsByPoses(ReadOnlyArrays):
         written_ones = [j for j, column in enumerate(columns) if column is None]
         for j, column in zip(written_ones, rest, strict=True):
             columns[j] = column
-        shared = np.stack(columns, axis=-1)
-        return {**written, "shared": shared.tolist()}
+        return {**written, "shared": np.stack(columns, axis=-1)}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors.columns import some_rows
 from ..errors.joint_covariance import JointCovariance
 from ..errors.key import ErrorKey, Kind
 from ..errors.models import PoseNoise, is_joint, require_count
@@ -93,7 +94,7 @@ def errors_of_arm(terms: Iterable[ErrorTerm], deviations: Mapping[Kind, float]) 
             "robot",
             np.full(part.count, deviations[part.key.kind]),
             part.keys,
-            the_same(part.columns),
+            the_same(some_rows(part.columns, slice(None))),
         )
         for part in terms
         if part.columns is not None

@@ -43,6 +43,7 @@ from ...core.presentation.numbers import digits
 from ...core.presentation.units import parse_angle, parse_length, parse_ratio, parse_time
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ..errors.columns import Factor, Products, rows_of_factor, some_rows
 from ..errors.key import ErrorKey, Kind, Owner
 from ..errors.keys import (
     CAMERA_SCALE,
@@ -116,7 +117,7 @@ class SharedError(ReadOnlyArrays):
     side: str  # "robot" or "camera"
     sd: Array  # (k,)
     keys: tuple[ErrorKey, ...]  # of each of the k numbers
-    effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
+    effect: Callable[[PosePairs], Factor]  # (n, 6, k) per unit
     factor: float = 1.0  # within which ``sd`` is known; 1: as it is
     default: bool = False  # assumed, not declared
     focal_length_px: float | None = None  # of a principal point in pixels
@@ -305,10 +306,15 @@ class SharedError(ReadOnlyArrays):
 
     def at(self, poses: PosePairs) -> Array:
         """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
+        return some_rows(self.factor_at(poses), slice(None))
+
+    def factor_at(self, poses: PosePairs) -> Factor:
+        """F (n, 6, k) at these poses, or what it is the product of."""
         F = self.effect(poses)
-        if F.shape[0] != poses.n:
+        if len(F[0] if isinstance(F, Products) else F) != poses.n:
+            count = len(F[0] if isinstance(F, Products) else F)
             raise InputError(
-                f"Expected the columns of the shared error {self.name!r} to cover {poses.n} poses, got {F.shape[0]}."
+                f"Expected the columns of the shared error {self.name!r} to cover {poses.n} poses, got {count}."
             )
         return F
 
@@ -353,9 +359,9 @@ class SharedError(ReadOnlyArrays):
         """Return the error for some of n poses, by their numbers: columns that were given for all n lose the others."""
         whole = self.effect
 
-        def effect(poses: PosePairs) -> Array:
+        def effect(poses: PosePairs) -> Factor:
             F = whole(poses)
-            return F[kept] if len(F) == n != poses.n else F
+            return rows_of_factor(F, kept) if len(F[0] if isinstance(F, Products) else F) == n != poses.n else F
 
         left = self.left[kept] if self.left is not None and len(self.left) == n else self.left
         return replace(self, effect=effect, left=left)
@@ -488,6 +494,6 @@ def _rate(poses: PosePairs) -> Array:
     return rate
 
 
-def the_same(F: Array) -> Callable[[PosePairs], Array]:
+def the_same(F: Factor) -> Callable[[PosePairs], Factor]:
     """Effects that do not depend on the poses."""
     return lambda poses: F

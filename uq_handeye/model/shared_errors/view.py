@@ -37,6 +37,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...core.geometry.se3 import Array, skew
+from ..errors.columns import Products
 
 # Half of the width of the target over its distance.
 HALF_WIDTH = 0.15
@@ -60,14 +61,14 @@ def view_scale(camera: Array, least_sd: float = 0.1) -> tuple[Array, Array]:
     return seen.mean(axis=0), np.maximum(seen.std(axis=0), least_sd)
 
 
-def columns_about(camera: Array, mean: Array, scale: Array) -> Array:
+def columns_about(camera: Array, mean: Array, scale: Array) -> Products:
     """(n, 6, 36) columns at poses (n, 4, 4), with the scale of others."""
     coordinates = (_coordinates(camera) - mean) / scale
     distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
     E = np.zeros((len(camera), 6, 6))
     E[:, range(3), range(3)] = 1.0
     E[:, range(3, 6), range(3, 6)] = distance[:, None]
-    return np.asarray(np.einsum("nj,nik->nijk", coordinates, E).reshape(len(camera), 6, 36))
+    return Products(coordinates, E)
 
 
 def _coordinates(camera: Array) -> Array:
