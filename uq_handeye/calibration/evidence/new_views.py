@@ -113,7 +113,7 @@ def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | No
     """
     rig = like(result, rig)
     graph = Graph.of(rig)
-    noise = new_noise(result, rig, graph)
+    noise = new_noise(result, rig, graph, measured=True)
     posterior = posterior_of(result)
     others = others_of(result, same)
     e = np.where(others, 0.0, posterior.estimate)[:, None]
@@ -148,7 +148,9 @@ def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Ar
     (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point minus the one used.
     """
     lines = {ErrorKey.from_dict(part["key"]): part["logs"] for part in result.components if "logs" in part}
-    parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.key in lines)
+    parts = tuple(
+        one for one in parts_of(result, rig, graph, measured=True) if one.block is not None and one.key in lines
+    )
     if not parts:
         return np.ones(1)
     M = np.linalg.inv(np.eye(V.shape[1]) + V.T @ V)

@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError
-from ...fit.graph.declared import request_from_dict
+from ...fit.graph.declared import declared_of, request_from_dict
 from ...fit.graph.graph import Graph
 from ...fit.graph.noise import RigNoise, given_covariances, given_key
 from ...fit.graph.posterior import Posterior
 from ...fit.graph.request import Request
 from ...fit.graph.sizes import WIDTH, components_of
 from ...model.errors.key import ErrorKey
-from ...model.errors.keys import CLOCK_OFFSET
+from ...model.errors.keys import CLOCK_OFFSET, ROBOT_ACCURACY
 from ...model.errors.sizes import Size
 from ...model.errors.term import ErrorTerm
+from ...model.poses.pose_pairs import PosePairs
 from ...model.rig.description import Rig
+from ...model.shared_errors.assumed import assumed_accuracy
 from ...model.shared_errors.view import HALF_WIDTH
 from ..rig_poses import RigPoses
 
@@ -29,12 +31,13 @@ def posterior_of(result: RigPoses) -> Posterior:
     return result.posterior
 
 
-def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
+def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) -> RigNoise:
     """Return the noise of new poses and the columns of the shared errors.
 
     The noise is that of the estimated components at each new pose; where it was given, the mean of each arm and camera.
+    ``measured``: as in `parts_of`.
     """
-    posterior, parts = posterior_of(result), parts_of(result, rig, graph)
+    posterior, parts = posterior_of(result), parts_of(result, rig, graph, measured)
     robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
     if not result.components:
         mean = {one.key: one.covariance for one in posterior.noise}
@@ -49,8 +52,12 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
     return noise.with_columns(known).in_order(posterior.keys)
 
 
-def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
-    """Return the components of new poses, with the estimated sizes as known ones."""
+def parts_of(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) -> tuple[ErrorTerm, ...]:
+    """Return the components of new poses, with the estimated sizes as known ones.
+
+    ``measured``: of views at other robot poses, for which what the poses so far do not say of an arm's errors is noise
+    of each pose (`model.shared_errors.population`).
+    """
     lines = {ErrorKey.from_dict(part["key"]): part["size"] for part in result.components}
     keys = posterior_of(result).place.keys()
     if not (lines or keys):
@@ -62,4 +69,24 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[ErrorTerm, ...]:
     width = lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH
     found = components_of(rig, graph, True, before, width, request=replace(request, sizes=None, prior=None))
     known = [one for one in found if one.key in lines or set(one.keys) <= keys]
+    if measured:
+        known = [_with_unseen(one, rig, graph, before, request) for one in known]
     return tuple(replace(one, size=Size(lines.get(one.key, one.size.median))) for one in known)
+
+
+def _with_unseen(
+    part: ErrorTerm, rig: Rig, graph: Graph, before: tuple[Rig, Graph], request: Request
+) -> ErrorTerm:  # fmt: skip
+    """Return the accuracy of an arm with its errors at new poses of which those ``before`` say nothing."""
+    if part.key.of("") != ROBOT_ACCURACY:
+        return part
+    of, old = (k.arm == list(r.arms).index(part.key.name) for r, k in ((rig, graph), before))
+    error = declared_of(request.shared or (), part.key)
+    error = assumed_accuracy() if error is None or error.is_exact else error
+    T, T_old = graph.robot[of], before[1].robot[old]
+    unseen = error.bound(PosePairs(T_old, T_old)).unseen
+    assert unseen is not None
+    values, vectors = np.linalg.eigh(unseen(PosePairs(T, T), True))
+    block = np.zeros((graph.P, 6, 6))
+    block[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return replace(part, block=block)

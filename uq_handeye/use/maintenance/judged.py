@@ -5,6 +5,10 @@ a step of each among them, from one moment on (`graph.steps_in_time`): the chang
 the residuals of many others. Of the probability of a false alarm the first test has half, the moves and the steps a
 quarter each, divided by their number (Bonferroni). Whatever the answer, the smallest move of each pose that these
 measurements would have shown is given.
+
+Errors that change slowly, such as those of an arm along its path, are no step: a step leaves nothing. It counts only
+where every other one that is left is below `MAX_REMAINING_SHARE` of its chi-square, and where it stands out of the
+residuals that it leaves.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.levels import POWER
 from ...errors import InputError
+from ...fit.diagnostics.paths import MAX_REMAINING_SHARE
 from ...fit.graph.rows import NewRows, PredictiveReference, smallest_change
 from ...fit.graph.steps_in_time import MIN_MOMENTS, Moments, Step, largest_step, sums_of
 from ...model.errors.cholesky import checked_cholesky, substitute
@@ -60,14 +65,14 @@ def judged(of: Compared, level: float) -> Judged:
     of_all, of_one = level / 2, level / 4 / len(of.moved)
     least = reference.noncentrality(POWER.probability, of_all)
     moves = sorted((_move(of, name, least, of_one) for name in of.moved), key=lambda one: -one.chi_square)
-    steps = _steps(of)
-    by_step = any(step.p < of_one for _, step in steps)
+    later = max(_steps(of), key=lambda one: one[1].chi_square, default=None)
+    if later is not None and not _is_step(of, *later, of_one):
+        later = None
+    by_step = later is not None and later[1].p < of_one
     contradicted = p < of_all or min(one.p for one in moves) < of_one or by_step
-    later = None
-    if steps and contradicted:
-        name, step = max(steps, key=lambda one: one[1].chi_square)
+    if later is not None:
         chance = MIN_GAIN_OF_LATER_MOVE + 2.0 * float(np.log(2 * len(np.unique(of.moment))))
-        later = (name, step) if step.chi_square > moves[0].chi_square + chance else None
+        later = later if contradicted and later[1].chi_square > moves[0].chi_square + chance else None
     return Judged(p, contradicted, tuple(moves), compare_candidates(of.rows, of.causes(), reference, of.dof), later)
 
 
@@ -83,16 +88,32 @@ def _move(of: Compared, name: str, least: float, level: float) -> Move:
     return Move(name, by.gain, reference.p_value(by.gain), left, angle, shift, by.estimate, by.covariance)
 
 
-def _steps(of: Compared) -> list[tuple[str, Step]]:
+def _is_step(of: Compared, name: str, step: Step, level: float) -> bool:
+    """Return whether a step leaves no other one, and stands out of the residuals that it leaves."""
+    columns = of.moved[name]
+    left = (of.rows.d2 - step.chi_square) / max(of.dof - step.dof, 1)
+    if left > 1.0:
+        tried = len(np.unique(of.moment)) + 1 - 2 * MIN_MOMENTS
+        if tried * of.reference(columns).p_value(step.chi_square / left) > level:
+            return False
+    others = _steps(of, columns * (of.moment >= step.begin)[:, None, None])
+    largest = max((one.chi_square for _, one in others), default=0.0)
+    return largest <= MAX_REMAINING_SHARE * step.chi_square
+
+
+def _steps(of: Compared, given: Array | None = None) -> list[tuple[str, Step]]:
     """Return the step of each unknown pose among the new rows of the largest chi-square.
 
-    The errors of the posterior are the other unknowns.
+    The errors of the posterior are the other unknowns, and the numbers of the columns ``given`` (m, k, 6).
     """
     rows, found = of.rows, list[tuple[str, Step]]()
     B = checked_cholesky(rows.own)
     V, r = substitute(B, rows.by_unit), substitute(B, rows.r[..., None])
+    prior = np.ones(V.shape[-1])
+    if given is not None:
+        V, prior = np.concatenate([V, substitute(B, given)], axis=-1), np.append(prior, np.zeros(given.shape[-1]))
     flat = V.reshape(-1, V.shape[-1])
-    inverse = np.asarray(np.linalg.inv(np.eye(V.shape[-1]) + flat.T @ flat), dtype=float)
+    inverse = np.asarray(np.linalg.pinv(np.diag(prior) + flat.T @ flat, hermitian=True), dtype=float)
     e = r - (V @ (inverse @ (flat.T @ r.reshape(-1))))[..., None]
     rest = np.concatenate([V, e], axis=-1)
     for name, columns in of.moved.items():
