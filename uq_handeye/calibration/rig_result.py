@@ -19,6 +19,7 @@ from ..core.files.open import StrPath
 from ..core.geometry.conventions import convention_of
 from ..core.geometry.se3 import Array
 from ..core.presentation.document import COLUMNS, document_of, to_text
+from ..core.presentation.html import html_of
 from ..errors import InputError
 from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_SD_M, Transform, with_open
@@ -50,6 +51,10 @@ class RigCalibration(RigPoses, StoredResult):
         return to_text(document_of(self, verbose=verbose), COLUMNS)
 
     text = summary
+
+    def _repr_html_(self) -> str:
+        """The result in a notebook: answer and poses, and the numbers behind them."""
+        return html_of(self)
 
     def of_camera(self, camera: str | None = None, target: str | None = None) -> Calibration:
         """Return one camera with one target as the result of one camera, by its marginal posterior (`of_camera`).

@@ -19,6 +19,7 @@ from ..calibration.accuracy import budget_of_model
 from ..calibration.checks import shared_groups, sizes_of
 from ..calibration.contribution import Contribution, Input
 from ..calibration.report.budget import WITHIN_95, freedom, shorten_budget, shown_budget
+from ..calibration.report.facts import noise_per_axis
 from ..calibration.result import Calibration
 from ..core.geometry.pose_numbers import rotation_vector
 from ..core.geometry.se3 import Array, left_jacobian
@@ -29,10 +30,8 @@ from ..core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ..core.rounding import TINY
 from ..fit.diagnostics.budget import PRIORS, Budget, Expanded, Source
 from ..model.errors.error_estimate import SHOWN, ErrorEstimate
-from ..model.errors.joint_covariance import JointCovariance
 from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import CLOCK_OFFSET, INTRINSICS, JOINT_NOISE, ROBOT_ACCURACY
-from ..model.errors.models import marginals
 from ..model.errors.noise_estimate import SIDES, NoiseEstimate
 
 # Coverage probability of every expanded uncertainty.
@@ -259,15 +258,6 @@ def _of_noise(source: Source, result: Calibration) -> Input:
         (of_file, "file of the poses"),
     )
     return Input(_sizes(shown), NORMAL, next((name for known, name in sources if known), "declared"))
-
-
-def noise_per_axis(S: Array | JointCovariance) -> Array:
-    """Return the standard deviations (2,) of rotation (rad) and translation (m) of the noise of single poses, on
-    average over axes and poses.
-    """
-    blocks = S.own if isinstance(S, JointCovariance) else marginals(S)
-    variances = np.diagonal(blocks, axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
-    return np.asarray(np.sqrt(variances))
 
 
 def _sizes(sizes: Iterable[tuple[float, str]]) -> str:

@@ -33,7 +33,8 @@ FOLDED = ("sizes", "paths", "certificate", "largest", "numbers", "conventions")
 
 def rig_sketch(result: RigCalibration) -> Drawing:
     """Return the drawing of a `RigCalibration`, by the macros of `sketch.svg.j2`."""
-    turns, shifts = (np.array([one.sizes[k] for one in result.singles]) for k in (0, 1))
+    sizes = [result.facts.select("error of pose", one.frame) for one in result.singles]
+    shifts, turns = (np.array([of[k].value for of in sizes]) for k in (0, 1))
     most = [float(values[np.isfinite(values)].max(initial=0.0)) or 1.0 for values in (turns, shifts)]
     counts: Counter[tuple[str, str]] = Counter()
     for view in result.rig.views:
@@ -51,8 +52,8 @@ def rig_sketch(result: RigCalibration) -> Drawing:
     return Drawing(
         "rig", svg, f"Cameras and targets of the rig with their views: {listed}.",
         f"{lines}. Half the width of an ellipse is the error of the rotation "
-        f"(largest: {digits(np.degrees(most[0]), 2)} deg), half its height that of the position (largest: "
-        f"{digits(1e3 * most[1], 2)} mm), root mean square, on one scale. A dashed circle: not determined in all "
+        f"(largest: {digits(most[0], 2)} deg), half its height that of the position (largest: "
+        f"{digits(most[1], 2)} mm), root mean square, on one scale. A dashed circle: not determined in all "
         "directions.", small=True,
     )  # fmt: skip
 
@@ -62,7 +63,7 @@ def _node(result: RigCalibration, one: EstimatedPose, most: list[float]) -> dict
     name, radii, said = one.name, None, "not determined"
     shift, turn = result.facts.select("error of pose", one.frame)
     if np.isfinite([turn.value, shift.value]).all():
-        radii = [18.0 * size / largest for size, largest in zip(one.sizes, most, strict=True)]
+        radii = [18.0 * fact.value / largest for fact, largest in zip((turn, shift), most, strict=True)]
         said = f"{shift.short} {shift.unit}, {turn.short} {turn.unit}"
     place = result.rig.place(name)
     where = "base of an arm" if name in result.arms else "in the world" if place == WORLD else f"on {place}"

@@ -72,13 +72,11 @@ def full_section(result: Calibration) -> Section:
         )
     blocks.append(Table(caption, head, rows))
     if result.covariance is not None and result.std is not None:
-        lines = []
-        for name, factor, std, weakest in (
-            ("translation (mm)", 1e3, result.std[3:], result.weakest_translation),
-            ("rotation (deg)", 180 / np.pi, result.std[:3], result.weakest_rotation),
-        ):
-            assert weakest is not None  # it is where there is a covariance
-            lines.append([name, *(fixed(factor * x) for x in (*std, weakest[1]))])
+        axes, worst = facts.select("axis"), facts.select("accuracy")
+        lines = [
+            [name, *(fixed(fact.value) for fact in (*axes[3 * k : 3 * k + 3], worst[k]))]
+            for k, name in enumerate(("translation (mm)", "rotation (deg)"))
+        ]
         blocks.append(
             Table(
                 f"Standard deviations of X, along and about the axes of the {facts.parent}",

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..calibration.accuracy import limit_of, point_ahead, suits_of
+from ..calibration.accuracy import limit_of, suits_of
 from ..calibration.report.answer import badges_of
 from ..calibration.report.budget import budget_table
+from ..calibration.report.facts import STEPS_AHEAD
 from ..calibration.report.first_screen import split_blocks
 from ..calibration.result import Calibration
 from ..calibration.tolerance import Verdict
 from ..core.limits import MAX_NAMED
 from ..core.presentation.document import Answer, Block, Cell, Checks, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.numbers import fixed
-from ..core.presentation.units import MM_PER_M
 from ..findings import Finding
 from .sections import needs
 
@@ -100,11 +100,9 @@ def _point_blocks(result: Calibration) -> list[Block]:
     if result.opened is not None:
         return [Paragraph(f"Not determined: {'; '.join(result.open_words)}.", empty=True)]
     rows = []
-    for step in (0.5, 1.0, 1.5, 2.0):
-        z = step * accuracy.distance
-        one, within = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
-        name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
-        rows.append([name, fixed(MM_PER_M * one, 2), fixed(MM_PER_M * within, 2)])
+    for step, fact in zip(STEPS_AHEAD, result.facts.select("point ahead"), strict=True):
+        name = fact.of + (" (target)" if step == 1 and accuracy.distance_known else "")
+        rows.append([name, fixed(fact.value, 2), fixed(fact.within_95 or 0.0, 2)])
     caption = (
         f"Uncertainty that X gives a point on the optical axis, in the {result.facts.parent}: 1 sigma in the worst "
         "direction, and the length that 95 % of its errors are within. "

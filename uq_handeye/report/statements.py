@@ -17,6 +17,7 @@ import numpy as np
 
 from ..calibration.checks import shared_groups, sizes_of
 from ..calibration.parts import Provenance
+from ..calibration.report.facts import noise_per_axis
 from ..calibration.report.first_screen import file_words, fit_words
 from ..calibration.result import Calibration
 from ..calibration.tolerance import percent
@@ -27,7 +28,7 @@ from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import ROBOT_ACCURACY, ROBOT_SCALE, TARGET_SCALE
 from ..model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, ESTIMATE, EXACT
 from ..model.poses.pose_pairs import PosePairs
-from .budget import LEVEL, budget_of, noise_per_axis
+from .budget import LEVEL, budget_of
 
 ERROR_MODEL = (
     "The error is xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau, both in the parent frame of X (rotation "

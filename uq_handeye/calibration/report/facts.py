@@ -19,17 +19,22 @@ from ...core.geometry.conventions import COMPONENTS
 from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, principal_axes
 from ...core.geometry.se3 import Array
 from ...core.levels import INTERVAL
-from ...core.presentation.numbers import concise, digits, plus_minus, value_and_sd
+from ...core.presentation.numbers import concise, digits, fixed, plus_minus, value_and_sd
 from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...fit.diagnostics.result import UNKNOWN_FRAME
 from ...fit.diagnostics.sentences import direction_words
 from ...fit.graph.reference import Reference
 from ...model.errors.error_estimate import SHOWN
+from ...model.errors.joint_covariance import JointCovariance
+from ...model.errors.models import marginals
+from ...model.errors.noise_estimate import SIDES
 from ...model.poses.estimated_pose import EstimatedPose
-from ..accuracy import Statement
+from ..accuracy import Accuracy, Statement, point_ahead
 from ..error_of_X import points_of, radius_95
 from ..estimated import Estimated
 
+# Points ahead of the camera, in distances of the target.
+STEPS_AHEAD = (0.5, 1.0, 1.5, 2.0)
 # Rotation and translation among the components of an error.
 PARTS = (slice(0, 3), slice(3, 6))
 # Components of an open direction up to this size (rad, m) are rounding errors.
@@ -42,7 +47,7 @@ _SOURCES = {
 
 
 # Groups of facts, in their order.
-Group = Literal["accuracy", "pose", "error of pose", "residuals", "noise", "shared error"]
+Group = Literal["accuracy", "point ahead", "pose", "error of pose", "axis", "residuals", "noise", "shared error"]
 
 
 class Fact(NamedTuple):
@@ -208,15 +213,44 @@ def fact_of_size(name: str, size: float, unit: str, group: Group, of: str = "") 
     return Fact(name, factor * size, None, shown, group, of)
 
 
+def about_axes(std: Array, of: str) -> Iterator[Fact]:
+    """Yield the standard deviations of a pose along and about the axes of its parent; ``std`` (6,): rad and m."""
+    for names, unit, sizes in (
+        ("along", "mm", MM_PER_M * std[3:]),
+        ("about", "deg", DEG_PER_RAD * std[:3]),
+    ):
+        for axis, size in zip("xyz", sizes.tolist(), strict=True):
+            yield Fact(f"{names} {axis}", size, None, unit, "axis", of)
+
+
+def _points_ahead(result: Statement, accuracy: Accuracy) -> Iterator[Fact]:
+    """Yield what X adds to points straight ahead of the camera, the second of them at the distance of the target."""
+    if result.reasons or result.opened is not None:
+        return
+    for step in STEPS_AHEAD:
+        z = step * accuracy.distance
+        one, within = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
+        yield Fact(
+            "point, worst direction", MM_PER_M * one, None, "mm", "point ahead", f"{fixed(z)} m", MM_PER_M * within
+        )
+
+
+def noise_per_axis(S: Array | JointCovariance) -> Array:
+    """Return the standard deviations (2,) of rotation (rad) and translation (m) of the noise of single poses, on
+    average over axes and poses.
+    """
+    blocks = S.own if isinstance(S, JointCovariance) else marginals(S)
+    variances = np.diagonal(blocks, axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
+    return np.asarray(np.sqrt(variances))
+
+
 def _facts(result: Statement) -> Iterator[Fact]:
     """Yield the facts of one camera in their order."""
     accuracy = result.accuracy
     if accuracy is not None:
         within = accuracy.rotation_95, accuracy.translation_95
         yield from sizes_of_errors(accuracy.rotation, accuracy.translation, result.frame, within, "accuracy")
-        ahead = f"point {digits(accuracy.distance, 3)} m ahead"
-        point, within_point = MM_PER_M * accuracy.point, MM_PER_M * accuracy.point_95
-        yield Fact(ahead, point, None, "mm", "accuracy", result.frame, within_point)
+        yield from _points_ahead(result, accuracy)
     for frame, T, S, opened in (
         (result.frame, result.X, result.covariance, result.open_of_X),
         (result.frame_W, result.W, result.covariance_W, result.open_of_W),
@@ -226,9 +260,15 @@ def _facts(result: Statement) -> Iterator[Fact]:
         if T is not None and S is not None:
             of = EstimatedPose("", frame, T, S, np.zeros((0, 6)) if opened is None else opened)
             yield from sizes_of_errors(*of.sizes, frame)
+    if result.std is not None:
+        yield from about_axes(result.std, result.frame)
     yield from facts_of_poses({one.name: one for one in result.split}, result.reference)
     if (fit := result.fit) is not None:
         yield from facts_of_residuals(fit.chi2, fit.dof, fit.p_value)
+    for side in SIDES if result.noise_estimate is None else ():
+        if (S := getattr(result.noise, side, None)) is not None:
+            turn, shift = noise_per_axis(S).tolist()
+            yield from sizes_of_errors(turn, shift, side.value, None, "noise")
     for part in () if result.noise_estimate is None else result.noise_estimate.components:
         yield fact_of_size(part.name, part.size, part.unit, "noise")
     for error in result.shared:
@@ -259,6 +299,8 @@ def facts_of_rig(
             turn, shift = (size if np.isfinite(limit) else np.inf for size, limit in sizes)
         found += sizes_of_errors(turn, shift, one.frame, within, "accuracy")
     found += facts_of_poses(poses, reference)
+    for one in cameras:
+        found += about_axes(one.std, one.frame)
     found += facts_of_residuals(*residuals)
     for name, (turn, shift) in noise.items():
         found += sizes_of_errors(turn, shift, name, None, "noise")

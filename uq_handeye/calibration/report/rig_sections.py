@@ -14,6 +14,7 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.levels import INTERVAL
 from ...core.presentation.document import COLUMNS, Answer, Block, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.html import blocks_html, html_of, to_html
 from ...core.presentation.numbers import digits, probability
 from ...core.presentation.sections import Part, selected, text_of
 from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
@@ -25,6 +26,8 @@ from .answer import verdict_blocks
 
 # Sections of the terminal, and of the text with all numbers.
 SCREEN = ("answer", "poses", "pairs", "checks")
+NOTEBOOK = ("answer", "next", "poses")
+NOTEBOOK_FOLDED = ("pairs", "checks", "views", "noise")
 LONG = (*SCREEN, "views", "noise", "sizes", "paths", "largest", "numbers", "conventions")
 
 
@@ -62,6 +65,16 @@ def rig_document(
     parts = rig_parts(result, verdict_blocks(result, verdicts))
     below: list[Block] = [Paragraph(text, hang="  ") for text in last]
     return [*text_of(selected(parts, LONG if verbose else SCREEN), untitled=("answer",)), *([below] if below else [])]
+
+
+@html_of.register(RigPoses)
+def rig_notebook(result: RigPoses) -> str:
+    """Return the answer and the poses; relative poses, checks, residuals and noise folded away."""
+    parts = rig_parts(result)
+    document: Document = [section.blocks for section in selected(parts, NOTEBOOK)]
+    folded = [(section.title, blocks_html(section.blocks)) for section in selected(parts, NOTEBOOK_FOLDED)]
+    beside = f"{result.rig.words}, {result.rig.n_views} views by {result.method}"
+    return to_html(", ".join(result.camera_names), document, beside=beside, seen=len(document), folded=folded)
 
 
 FRAMES = (

@@ -151,7 +151,8 @@ def _numbers(result: Calibration, threshold: float) -> list[Block]:
     """X and its standard deviations, correlations and directions."""
     numbers: list[Block] = [_pose(result.facts.X)]
     if result.std is not None:
-        turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
+        about = np.array([fact.value for fact in result.facts.select("axis")[3:]])
+        turn = row("rotation about axes (deg)", "xyz", None, about, 5)
         numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
     return numbers
 
