@@ -147,3 +147,26 @@ def test_exchanged_views_are_named(wrong, count, severity):
     named = set(range(15)) - set(rows.tolist()) if 2 * count > 15 else set(rows.tolist())
     assert found.severity == severity and set(found.values["rows"]) == named
     assert result.usable == (severity == "caution")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("places", [HAND, CELL])
+def test_noise_that_is_refuted_is_said_to_be_that_of_its_camera(places):
+    """As a camera whose clock is off while the robot moves: its views scatter by more than was given."""
+    larger = NOISE | {"right": ("8mrad", "4mm")}
+    rig, _ = simulate_rig(*places, n_poses=14, seed=[SEED, 8], noise=larger)
+    result = uq.calibrate(rig, noise=NOISE)
+    (found,) = result.findings
+    assert not result.usable and found.code == "rig.noise_too_small"
+    first = found.values["larger"][0]
+    assert first["name"] == "right" and 4.0 < first["times"] < 16.0 and "right" in found.phrase
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_a_robot_of_which_most_poses_are_wrong_is_not_usable():
+    rig, _ = simulate_rig(*HAND, n_poses=12, seed=[SEED, 9], noise=NOISE)
+    rows = np.flatnonzero(np.arange(12) % 3)
+    result = uq.calibrate(robot_rows(rig, rows, np.random.default_rng([SEED, 9])))
+    assert not result.usable and [one.code for one in result.findings if one.severity == "failure"]

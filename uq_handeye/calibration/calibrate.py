@@ -166,7 +166,7 @@ def _calibrate_rig(
 ) -> RigCalibration:
     """See `calibrate`; of a rig of several cameras, targets or arms."""
     from ..model.rig.selection import selected
-    from .calibrate_rig import OPTIONS, calibrate_rig
+    from .calibrate_rig import OPTIONS, calibrate_rig, noise_of_views
 
     defaults = {name: field.default for name, field in Request.__dataclass_fields__.items()}
     others = {name: value for name, value in asked.items() if name not in OPTIONS and np.size(value)}
@@ -182,6 +182,8 @@ def _calibrate_rig(
         warn(error.findings, 4)
         raise
     found = without_consequences([*result.findings, *findings_of_pairs(rig, result), *excluded])
+    if noise is not None and result.contradictions and not any(one.explains for one in found):
+        found += noise_of_views(rig, result, **options)
     moved = next((one for one in found if one.code == "rig.moved"), None)
     split = None if moved is None else split_fit(rig, noise, moved, **options)
     if split is not None:

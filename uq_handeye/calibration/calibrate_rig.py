@@ -37,14 +37,15 @@ from ..model.rig.noise_by_name import NoiseByName, plain_noise
 from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
 from .parts import Provenance
+from .rig_poses import MIN_NOISE_RATIO
 from .rig_result import RigCalibration
 
 # The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
 MAX_FLICKERING_SHARE = 0.01
 # Minima that are tried before the best of them is taken.
 MAX_MINIMA = 3
-# Poses of a target do not scatter by more (rad); those of a camera of which most are wrong do.
-MAX_NOISE_OF_CAMERA_RAD = 0.05
+# Poses of a target or of a robot do not scatter by more (rad); those of which most, or many, are wrong do.
+MAX_NOISE_RAD = 0.05
 # A camera whose noise, in rotation and in translation, is this many times that of another is named.
 MAX_NOISE_RATIO = 10.0
 METHODS = ("efficient", "ml")
@@ -251,7 +252,8 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     own += [("camera", name, noise.camera[k == graph.X]) for k, name in enumerate(cameras)]
     fresh = tuple(ErrorTerm.given(side, S.mean(axis=0), name) for side, name, S in own if len(S))
     if spread is not None:  # the noise was estimated
-        findings = (*findings, *_noisy({name: _sizes(S) for side, name, S in own if side == "camera"}))
+        robots, seen = ({name: _sizes(S) for at, name, S in own if at == side} for side in ("robot", "camera"))
+        findings = (*findings, *_noisy(seen), *_noisy_robots(robots))
     return RigCalibration(
         rig, graph.names, found.at, covariance, found.open, found.lever, found.chi_square, float(found.dof),
         task.method, found.edge_weights, far.edges, found.pose_weights, names,
@@ -270,11 +272,39 @@ def _noisy(sizes: Mapping[str, tuple[float, float]]) -> list[Finding]:
         ratios = [min(one / least for one, least in zip((rotation, translation), of, strict=True)) for of in others
                   if min(of) > 0]  # fmt: skip
         ratio = max(ratios, default=None)
-        wrong = rotation > MAX_NOISE_OF_CAMERA_RAD
+        wrong = rotation > MAX_NOISE_RAD
         if wrong or (ratio is not None and ratio > MAX_NOISE_RATIO):
             values = {"name": name, "rotation": rotation, "translation": translation, "ratio": ratio}
             found.append(Finding("rig.noisy_camera", "failure" if wrong else "caution", values))
     return found
+
+
+def _noisy_robots(sizes: Mapping[str, tuple[float, float]]) -> list[Finding]:
+    """Return a finding for each arm whose noise, per axis (rad, m), is none of a robot."""
+    return [
+        Finding("rig.noisy_robot", "failure", {"name": name, "rotation": rotation, "translation": translation})
+        for name, (rotation, translation) in sizes.items()
+        if rotation > MAX_NOISE_RAD
+    ]
+
+
+def noise_of_views(rig: Rig, result: RigCalibration, **options: Any) -> list[Finding]:
+    """Return a finding with the noise that the views show, where they contradict the noise that was given."""
+    try:
+        own = calibrate_rig(rig, None, **options).noise
+    except (InputError, NotConvergedError):
+        return []
+    larger = []
+    for name, (rotation, translation) in own.items():
+        pairs = zip((rotation, translation), result.noise[name], strict=True)
+        times = max((one / given for one, given in pairs if given > 0), default=None)
+        if times is None or times > MIN_NOISE_RATIO:
+            larger.append({"name": name, "rotation": rotation, "translation": translation, "times": times})
+    if not larger:
+        return []
+    larger.sort(key=lambda one: -(one["times"] or np.inf))
+    ratio = float(np.sqrt(result.chi_square / result.dof)) if result.noise_refuted else None
+    return [Finding("rig.noise_too_small", "failure", {"ratio": ratio, "larger": larger})]
 
 
 def _of_priors(task: Task, found: RigFit) -> list[Finding]:

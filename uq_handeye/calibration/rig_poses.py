@@ -327,11 +327,10 @@ class RigPoses(Record):
     def contradictions(self) -> tuple[str, ...]:
         """Reasons why the poses cannot be used, none of which more views mend."""
         found = [str(finding) for finding in self.findings if finding.severity == "failure"]
-        ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
-        refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
-        if not found and (refuted or ratio > MAX_CHI_SQUARE_RATIO):  # what moved makes them larger, too
+        if not found and self.noise_refuted:  # what moved makes them larger, too
+            ratio = float(np.sqrt(self.chi_square / self.dof))
             found.append(
-                f"{times_of_noise(float(np.sqrt(ratio)))} (chi-square {self.chi_square:.0f} of {self.dof:.0f}). Leave "
+                f"{times_of_noise(ratio)} (chi-square {self.chi_square:.0f} of {self.dof:.0f}). Leave "
                 "the noise out, it is then estimated; look at what each camera and target is on, and at the files."
             )
         for (camera, target), (kept, count) in self._kept.items():
@@ -340,6 +339,13 @@ class RigPoses(Record):
         if len(self.rejected) > 0.5 * len(self.weights):
             found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others.")
         return tuple(found)
+
+    @property
+    def noise_refuted(self) -> bool:
+        """True if the residuals are larger than the noise explains, by more than chance."""
+        ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
+        refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
+        return refuted or ratio > MAX_CHI_SQUARE_RATIO
 
     @property
     def _kept(self) -> dict[tuple[str, str], tuple[int, int]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...core.presentation.numbers import concise, probability
+from ...core.presentation.numbers import concise, digits, probability, times_of_noise
 from ...findings import INPUT, RESIDUALS, Finding, Values, sentence
 from ..poses.pose_numbers import ranges
 from .description import later_name
@@ -173,6 +173,45 @@ def _(what: str, one: str, two: str, rows: Sequence[Any], count: int, left_out: 
     return (
         f"The views of the {what}s {one} and {two} are exchanged {_at_poses(rows)} ({len(rows)} of {count}): each fits "
         f"as that of the other {what}. {end}"
+    )
+
+
+def _noise_of(larger: Paths) -> str:
+    return "; ".join(
+        f"{one['name']} {_by(one['rotation'], one['translation'])}"
+        + ("" if one["times"] is None else f" ({digits(one['times'], 2)} times the noise given)")
+        for one in larger
+    )
+
+
+def _against(ratio: float | None) -> str:
+    return "views contradict this noise" if ratio is None else times_of_noise(ratio)
+
+
+@sentence(
+    "rig.noise_too_small",
+    check=RESIDUALS,
+    phrase=lambda values: f"{_against(values['ratio'])}; they show {_noise_of(values['larger'][:1])}",
+    remedy="leave the noise out, it is then estimated; look at the clock, the file and the target of what is noisy",
+)
+def _(ratio: float | None, larger: Paths) -> str:
+    return (
+        f"{_against(ratio).capitalize()}. By the views it is, per axis: {_noise_of(larger)}. Leave the noise "
+        "out, it is then estimated; look at the clock, the file and the target of a camera that is noisier than the "
+        "others."
+    )
+
+
+@sentence(
+    "rig.noisy_robot",
+    check=RESIDUALS,
+    phrase=lambda values: f"the noise of {values['name']} is {_by(values['rotation'], values['translation'])}",
+    remedy="look at the file of the robot: many of its poses are wrong, or of other moments",
+)
+def _(name: str, rotation: float, translation: float) -> str:
+    return (
+        f"The robot poses of {name} scatter by {_by(rotation, translation)} per axis: many of them are wrong. "
+        "Look at the file, and at which view each pose belongs to."
     )
 
 
