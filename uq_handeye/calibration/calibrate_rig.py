@@ -21,6 +21,7 @@ from ..fit.diagnostics.prior_check import prior_findings
 from ..fit.diagnostics.sandwich import Influence
 from ..fit.graph.constraint import MIN_RESOLVED_SHARE
 from ..fit.graph.declared import declared_of, request_to_dict
+from ..fit.graph.drifts import DRIFT_KINDS, MAX_REMAINING_BESIDE_DRIFT, motion_in_session, with_usual_drift
 from ..fit.graph.fit import RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
 from ..fit.graph.noise import RigNoise, given_noise
 from ..fit.graph.posterior import Posterior
@@ -29,13 +30,14 @@ from ..fit.graph.request import Request
 from ..fit.graph.sizes import SHARED, Found, components_of, find_sizes, width_of_targets
 from ..fit.graph.start import agreeing, start_of
 from ..fit.graph.weights import Distances, distances, fit_robustly
-from ..model.errors.key import Kind
+from ..model.errors.key import ErrorKey, Kind
 from ..model.errors.term import ErrorTerm
 from ..model.poses.pose_data import sha256_of
 from ..model.rig.description import Rig
 from ..model.rig.noise_by_name import NoiseByName, plain_noise
 from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
+from .moves import MOVED
 from .parts import Provenance
 from .rig_poses import MIN_NOISE_RATIO
 from .rig_result import RigCalibration
@@ -74,8 +76,9 @@ def calibrate_rig(
     shared : bool, names, or sequence of SharedError
         Where the noise is estimated, whether errors that poses share are included, or which: "accuracy" of each arm,
         "focal length", "principal point" and, with one camera, "lens distortion", "target outline" and "view" of each
-        camera, "scale" of each target. The others are taken as exact, such as the intrinsics of rendered pictures. Or
-        errors as they were declared, in place of the defaults of their names (`declared`).
+        camera, "scale" of each target, and with times the drifts of cameras and targets. The others are taken as exact,
+        such as the intrinsics of rendered pictures. Or errors as they were declared, in place of the defaults of their
+        names (`declared`).
     **asked
         Further fields of `Request` (`OPTIONS`).
 
@@ -229,7 +232,8 @@ def _in_turn(
 def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:
     graph = found.graph
     closed = onto_closed(found.open, rig_units(graph, found.lever))
-    spread = np.pad(closed @ sizes.spread @ closed.T, (0, len(found.whole) - graph.p))
+    spread = closed @ (sizes.spread + motion_in_session(found)) @ closed.T
+    spread = np.pad(spread, (0, len(found.whole) - graph.p))
     return Estimated(found, far, spread, sizes.lines, sizes.weights)
 
 
@@ -238,6 +242,8 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     found, far, spread, components, weights = one
     rig, graph, noise = task.rig, found.graph, found.noise
     paths, findings = judged_paths(task, found)
+    if not findings:
+        findings = _beside_drift(task, found, components)
     findings = (*findings, *_of_priors(task, found))
     covariance, reference, kind = found.covariance, Reference(), task.request.covariance
     if kind != "model":
@@ -262,6 +268,17 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
         reference=reference, findings=findings,
         posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
+
+
+def _beside_drift(task: Task, found: RigFit, components: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:
+    """Return the finding of a pose that moved in one step, where the drift that was estimated explains the step."""
+    keys = [(ErrorKey.from_dict(line["key"]), float(line["size"])) for line in components]
+    noise = with_usual_drift(found.noise, [(key.name, size) for key, size in keys if key.kind in DRIFT_KINDS])
+    if noise is None:
+        return ()
+    again = fit(task.graph, noise, found.at, "efficient", found.weights, task.prior)
+    findings = judged_paths(task, again, MAX_REMAINING_BESIDE_DRIFT)[1]
+    return tuple(one for one in findings if one.code == MOVED)
 
 
 def _noisy(sizes: Mapping[str, tuple[float, float]]) -> list[Finding]:

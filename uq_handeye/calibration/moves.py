@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..core.geometry.se3 import Array
 from ..errors import DegenerateMotionError, NotConvergedError, SingularNoiseError
 from ..findings import Finding
+from ..fit.graph.drifts import MAX_REMAINING_BESIDE_DRIFT
 from ..fit.graph.gauss_helmert import Fit
 from ..fit.graph.request import Request
 from ..fit.graph.steps_in_time import FALSE_FINDING, MIN_RUN, steps_of
@@ -32,9 +33,6 @@ if TYPE_CHECKING:
 
 # Findings of a camera or target that did not stand still.
 MOVED, DRIFTS = "rig.moved", "rig.drifts"
-# Where a session with timestamps drifts, another step may have this share of the chi-square of the one that is named: a
-# step of 3 mm leaves 0.03 to 0.08, a random walk 0.3 and more.
-MAX_REMAINING_BESIDE_DRIFT = 0.2
 _DRIFTS = frozenset(keys.DRIFTS.values())
 # A full covariance (6n, 6n) of more poses is not taken apart to look for a step.
 MAX_POSES_OF_FULL_COVARIANCE = 200

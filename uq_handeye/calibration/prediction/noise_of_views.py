@@ -13,7 +13,7 @@ from ...fit.graph.noise import RigNoise, given_covariances, given_key
 from ...fit.graph.posterior import Posterior
 from ...fit.graph.request import Request
 from ...fit.graph.sizes import WIDTH, components_of
-from ...model.errors.key import ErrorKey
+from ...model.errors.key import ErrorKey, Owner
 from ...model.errors.keys import CLOCK_OFFSET, ROBOT_ACCURACY
 from ...model.errors.sizes import Size
 from ...model.errors.term import ErrorTerm
@@ -48,7 +48,8 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) 
     noise = RigNoise.of_own(robot, camera).with_blocks(parts if result.components else ())
     given, some = given_covariances(rig, graph)
     noise = replace(noise, camera=np.where(some[:, None, None], given, noise.camera))
-    known = [part for part in parts if set(part.keys) <= posterior.place.keys()]
+    # the drift of another session is another one, whose motion is in the covariance of the poses
+    known = [one for one in parts if set(one.keys) <= posterior.place.keys() and one.key.owner != Owner.SESSION]
     return noise.with_columns(known).in_order(posterior.keys)
 
 

@@ -41,6 +41,7 @@ from ...model.shared_errors.view import (
     view_block,
 )
 from .declared import Errors, declared_of, further_errors, with_declared
+from .drifts import DRIFT_KINDS, drifts_of, times_of
 from .engine import LatentModel, Rows
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
@@ -67,7 +68,8 @@ MAX_VIEWS_FOR_SIZES = 600
 ALL_TARGETS = Owner.TARGETS
 # Kinds of the errors that all poses of an arm, a camera or a target share.
 SHARED = (
-    Kind.ACCURACY, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT, Kind.SCALE, Kind.LENS, Kind.OUTLINE, Kind.VIEW
+    Kind.ACCURACY, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT, Kind.SCALE, Kind.LENS, Kind.OUTLINE, Kind.VIEW,
+    *DRIFT_KINDS,
 )  # fmt: skip
 # Keys of the numbers of the errors of intrinsics.
 NUMBERS = {
@@ -133,6 +135,11 @@ def components_of(
     of_board = {name: of for name, of in targets.items() if name not in scenes}
     if shared:
         found = _assumed(both[1][0], graph, before, (arms, finished, of_board), width, request.shared or ())
+        times, walked = (times_of(*one) for one in both)
+        drifts = request.correlation == "auto" and request.covariance == "model"
+        if drifts and times is not None and walked is not None:
+            rows = ({name: of for name, (of, _) in owned.items()} for owned in (cameras, targets))
+            found += drifts_of(graph, times, np.unique(walked), *rows)
     asked = SHARED if shared is True else shared or ()
     found = [part for part in found if part.key.kind in asked]
     owners = {"robot": arms, "camera": finished, "target": of_board}

@@ -28,6 +28,8 @@ def _moved_by(values: Values) -> str:
     """``3.0(5) mm, 0.50(7) deg``; without the part that is not resolved."""
     parts = (("shift", 1e3, "mm"), ("angle", 180 / math.pi, "deg"))
     resolved = [(name, of, unit) for name, of, unit in parts if values[f"{name}_sd"] is not None]
+    if not resolved:
+        return _by(values["angle"], values["shift"])
     return ", ".join(concise(of * values[name], of * values[f"{name}_sd"], unit) for name, of, unit in resolved)
 
 
@@ -96,9 +98,13 @@ def _(
     phrase="two ways to the {kind} {name} disagree",
     remedy="Look at the size of the target {by}, the intrinsics, and whether both stood still between their views.",
 )
-def _(kind: str, name: str, by: str, angle: float, shift: float, chi_square: float, p: float, others: Paths) -> str:
+def _(
+    kind: str, name: str, by: str, angle: float, shift: float, chi_square: float, p: float, others: Paths,
+    angle_sd: float | None = None, shift_sd: float | None = None,
+) -> str:  # fmt: skip
+    differ = _moved_by({"angle": angle, "angle_sd": angle_sd, "shift": shift, "shift_sd": shift_sd})
     return (
-        f"The pose of the {kind} {name} with {by} and that from its other views differ by {_by(angle, shift)} "
+        f"The pose of the {kind} {name} with {by} and that from its other views differ by {differ} "
         f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Look at the size of the target, the "
         "intrinsics, and whether both stood still between their views."
     )

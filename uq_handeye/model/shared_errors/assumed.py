@@ -38,14 +38,17 @@ from .shared_error import SharedError, of_intrinsics, population_error, the_same
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
 
 
-def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Products:
+def drift_columns(
+    camera: Array, timestamps: Array, target: bool, walked: Array | None = None, terms: int = 6
+) -> Products:
     """(m, 6, 6 k) columns at poses (m, 4, 4) camera_T_target, per step of 1 rad and 1 m.
 
-    ``walked`` (n,): times of the poses from one to the next of which the walk goes; None: of these.
+    ``walked`` (n,): times of the poses from one to the next of which the walk goes; None: of these. ``terms`` k of the
+    expansion, at most n.
     """
     steps = np.sort(timestamps if walked is None else walked)
     n = len(steps)
-    rate = (np.arange(1, min(6, n) + 1) - 0.5) * np.pi
+    rate = (np.arange(1, min(terms, n) + 1) - 0.5) * np.pi
     at, place = np.arange(1, n + 1), np.interp(timestamps, steps, np.arange(1, n + 1))
     mean, walk = (np.sqrt(2.0 * n) * np.sin(np.outer(k / n, rate)) / rate for k in (at, place))
     walk = walk - mean.mean(axis=0)  # the mean is in X or W
