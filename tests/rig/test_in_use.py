@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import uq_handeye as uq
+from studies.maintenance.moved_commands import arm_rigs, arm_sessions
 from uq_handeye.calibration.calibrate_rig import calibrate_rig
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.model.shared_errors.shared_error import SharedError
@@ -389,3 +390,23 @@ def test_a_move_among_the_new_views_is_named_with_its_pose(name):
     with pytest.raises(uq.InputError, match="contradict") as error:
         uq.update(result, new)
     assert any("since" in one.values and one.severity == "failure" for one in error.value.findings)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_a_point_seen_from_elsewhere_is_as_uncertain_as_by_one_camera():
+    """Errors of an unknown arm at poses of which those so far say nothing are in both predictions."""
+    rig, _ = arm_rigs(11, 25, 8, "eye-in-hand", 2e-3)
+    views = tuple(view for view in rig.views if view.camera == "left")
+    of_rig = calibrate_rig(uq.Rig(rig.arms, {"left": "arm"}, rig.targets, views))
+    poses, later = arm_sessions(11, 25, 8, "eye-in-hand", 2e-3)
+    of_camera, point, elsewhere = uq.calibrate(poses), np.array([0.0, 0.0, 0.5]), later.robot[0].copy()
+    elsewhere[:3, 3] *= 0.8
+    sizes = [
+        np.sqrt(np.trace(np.reshape(covariance, (3, 3))))
+        for covariance in (
+            of_rig.predict("left", point[None], {"arm": elsewhere}).covariance,
+            of_camera.predict(point, robot=elsewhere).covariance,
+        )
+    ]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.12)

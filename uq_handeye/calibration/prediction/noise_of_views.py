@@ -31,7 +31,7 @@ def posterior_of(result: RigPoses) -> Posterior:
     return result.posterior
 
 
-def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) -> RigNoise:
+def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool | None = None) -> RigNoise:
     """Return the noise of new poses and the columns of the shared errors.
 
     The noise is that of the estimated components at each new pose; where it was given, the mean of each arm and camera.
@@ -45,7 +45,8 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) 
             robot[graph.arm == k] = mean.get(given_key("robot", name), np.zeros((6, 6)))
         for k, name in enumerate(rig.cameras):
             camera[k == graph.X] = mean.get(given_key("camera", name), 0.0)
-    noise = RigNoise.of_own(robot, camera).with_blocks(parts if result.components else ())
+    blocks = parts if result.components else [one for one in parts if one.key.of("") == ROBOT_ACCURACY]
+    noise = RigNoise.of_own(robot, camera).with_blocks(blocks if result.components or measured is not None else ())
     given, some = given_covariances(rig, graph)
     noise = replace(noise, camera=np.where(some[:, None, None], given, noise.camera))
     # the drift of another session is another one, whose motion is in the covariance of the poses
@@ -53,11 +54,11 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) 
     return noise.with_columns(known).in_order(posterior.keys)
 
 
-def parts_of(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) -> tuple[ErrorTerm, ...]:
+def parts_of(result: RigPoses, rig: Rig, graph: Graph, measured: bool | None = None) -> tuple[ErrorTerm, ...]:
     """Return the components of new poses, with the estimated sizes as known ones.
 
-    ``measured``: of views at other robot poses, for which what the poses so far do not say of an arm's errors is noise
-    of each pose (`model.shared_errors.population`).
+    ``measured``: whether views at other robot poses are measured; what the poses so far do not say of an arm's errors
+    is noise of each of these poses (`BoundPopulation.unseen`). None: the poses are those of the calibration.
     """
     lines = {ErrorKey.from_dict(part["key"]): part["size"] for part in result.components}
     keys = posterior_of(result).place.keys()
@@ -70,14 +71,15 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph, measured: bool = False) -
     width = lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH
     found = components_of(rig, graph, True, before, width, request=replace(request, sizes=None, prior=None))
     known = [one for one in found if one.key in lines or set(one.keys) <= keys]
-    if measured:
-        known = [_with_unseen(one, rig, graph, before, request) for one in known]
+    if measured is not None:
+        measured = measured and bool(result.components)  # by noise that has a share of these errors
+        known = [_with_unseen(one, rig, graph, before, request, measured) for one in known]
     return tuple(replace(one, size=Size(lines.get(one.key, one.size.median))) for one in known)
 
 
 def _with_unseen(
-    part: ErrorTerm, rig: Rig, graph: Graph, before: tuple[Rig, Graph], request: Request
-) -> ErrorTerm:  # fmt: skip
+    part: ErrorTerm, rig: Rig, graph: Graph, before: tuple[Rig, Graph], request: Request, measured: bool
+) -> ErrorTerm:
     """Return the accuracy of an arm with its errors at new poses of which those ``before`` say nothing."""
     if part.key.of("") != ROBOT_ACCURACY:
         return part
@@ -87,7 +89,7 @@ def _with_unseen(
     T, T_old = graph.robot[of], before[1].robot[old]
     unseen = error.bound(PosePairs(T_old, T_old)).unseen
     assert unseen is not None
-    values, vectors = np.linalg.eigh(unseen(PosePairs(T, T), True))
+    values, vectors = np.linalg.eigh(unseen(PosePairs(T, T), measured))
     block = np.zeros((graph.P, 6, 6))
     block[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return replace(part, block=block)

@@ -114,7 +114,7 @@ def _errors_of_cameras(
     views = (View(name, _AHEAD, C, None if rig.cameras[name] == WORLD else tuple(range(k))) for name in names)
     alone = Rig(arms, {name: rig.cameras[name] for name in names}, {_AHEAD: WORLD}, tuple(views))
     graph = Graph.of(alone)
-    noise = new_noise(result, alone, graph)
+    noise = new_noise(result, alone, graph, measured=False)
     robot = perturb(graph.robot, -(noise.K_robot @ posterior.estimate[:, None])[..., 0])
     poses = dict(zip(result.names, result.poses, strict=True))
     T = np.stack([poses.get(name, np.eye(4)) for name in graph.names])

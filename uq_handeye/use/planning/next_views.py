@@ -53,7 +53,7 @@ def plan_rig(result: RigPoses, asked: PlanRequest) -> Plan:
             "the calibration."
         )
     graph = Graph.of(rig)
-    noise = new_noise(result, rig, graph)
+    noise = new_noise(result, rig, graph, measured=False)
     sides, posterior = graph.linearise(result.poses), posterior_of(result)
     B = _whitened_alone(graph, sides, noise)
     names = tuple(result.cameras)
