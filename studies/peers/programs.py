@@ -24,7 +24,7 @@ from studies.common.study import version_of
 from uq_handeye.core.geometry.se3 import Array, block, inverse
 from uq_handeye.methods.all_pairs import solve_all_pairs
 from uq_handeye.methods.target_pose import mean_target
-from uq_handeye.model.errors.models import factor
+from uq_handeye.model.errors.cholesky import factor
 
 Found = tuple[Array, Array | None]  # X (4, 4), covariance (6, 6) or None
 Prepared = Callable[[], Found]

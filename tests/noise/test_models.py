@@ -8,9 +8,10 @@ from support import assert_same_covariance, holds_for, random_covariance
 from uq_handeye.core.geometry.checks import checked_covariance
 from uq_handeye.errors import InputError
 from uq_handeye.model.errors.camera_noise import CameraNoise
+from uq_handeye.model.errors.cholesky import factor
 from uq_handeye.model.errors.joint_covariance import JointCovariance
 from uq_handeye.model.errors.keys import FOCAL_LENGTH
-from uq_handeye.model.errors.models import PairNoise, PoseNoise, factor, is_joint, require_count
+from uq_handeye.model.errors.models import PairNoise, PoseNoise, is_joint, require_count
 
 PER_ITEM = [(6, 6), (1, 6, 6), (7, 6, 6)]
 JOINT = [(12, 12), (42, 42)]

@@ -26,11 +26,12 @@ from ..fit.graph.noise import RigNoise
 from ..fit.graph.open_directions import OpenDirections
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.sizes import NUMBERS
+from ..model.errors.cholesky import factor
 from ..model.errors.error_estimate import ErrorEstimate, resolved_share
 from ..model.errors.joint_covariance import JointCovariance
 from ..model.errors.key import ErrorKey, Kind, Owner
 from ..model.errors.keys import LENS, TARGET_SCALE
-from ..model.errors.models import PoseNoise, factor
+from ..model.errors.models import PoseNoise
 from ..model.errors.sizes import Size
 from ..model.errors.term import ErrorTerm
 from ..model.kinematics.errors import GROUPS

@@ -19,7 +19,8 @@ from ..core.geometry.checks import entry_rows
 from ..core.geometry.se3 import Array, block, inverse, skew
 from ..core.scratch import scratch
 from ..errors import InputError
-from ..model.errors.models import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
+from ..model.errors.cholesky import factor
+from ..model.errors.models import Noise, PairNoise, PoseNoise, is_joint, marginals, require_count
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from .method import ErrorFactors

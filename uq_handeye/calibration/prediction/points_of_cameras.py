@@ -21,7 +21,7 @@ from ...core.geometry.se3 import Array, inverse, perturb, skew
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...fit.graph.graph import Graph
-from ...model.errors.models import factor
+from ...model.errors.cholesky import factor
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
 from ..rig_poses import RigPoses
 from .noise_of_views import new_noise, posterior_of

@@ -34,7 +34,6 @@ from ...model.errors.keys import (
     DEPTH,
     INTRINSICS,
     PICTURE_SHIFT,
-    PIXELS,
     ROBOT_SHARED,
     SCENE_EXCESS,
     SCENE_FEATURES,
@@ -190,14 +189,7 @@ class JointModel:
     def _known_camera(self) -> list[ErrorTerm]:
         S, found = self.camera, []
         if isinstance(S, CameraNoise):
-            own, scaled = S.scaled()
-            size = SIZES[PIXELS] if S.pixel_sd is None else Size(S.pixel_sd, 1.0, "px", "declared")
-            of_all = _keys(S.joint, INTRINSICS)
-            keys = tuple(compress(of_all, S.scales))
-            found.append(ErrorTerm(PIXELS, "camera", size, scaled, np.asarray(np.linalg.cholesky(own)), keys))
-            if not S.scales.all():
-                rest = tuple(compress(of_all, ~S.scales))
-                found.append(ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=S.fixed(), keys=rest))
+            found += S.terms()
         elif isinstance(S, JointCovariance):
             key = SCENE_FEATURES if self.of_scene else INTRINSICS
             found.append(ErrorTerm(key, "camera", Size(1.0), columns=S.columns, keys=_keys(S, key)))

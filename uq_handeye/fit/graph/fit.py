@@ -30,8 +30,7 @@ from scipy.linalg import cho_factor, cho_solve
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ...core.rounding import FIT_ROUNDING
 from ...errors import DegenerateMotionError, NotConvergedError
-from ...model.errors.cholesky import checked_cholesky
-from ...model.errors.models import factor
+from ...model.errors.cholesky import checked_cholesky, factor
 from ...model.errors.square_roots import LEAST_WEIGHT
 from ...model.rig.description import Rig
 from .gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD

@@ -30,11 +30,12 @@ from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...core.rounding import CHAIN_ROUNDING
+from ...model.errors.cholesky import factor
 from ...model.errors.columns import some_rows
 from ...model.errors.joint_covariance import JointCovariance, joint_of
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import INTRINSICS
-from ...model.errors.models import Noise, factor
+from ...model.errors.models import Noise
 from ...model.errors.sizes import Size
 from ...model.errors.term import SIDES, ErrorTerm
 from .engine import LatentModel, Rows

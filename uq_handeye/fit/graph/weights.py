@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.errors.models import factor
+from ...model.errors.cholesky import factor
 from ...model.errors.square_roots import LEAST_WEIGHT
 from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Weights, fit
 from .gauss_helmert import MAX_ROUNDS

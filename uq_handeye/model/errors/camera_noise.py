@@ -12,15 +12,18 @@ calibration, which do not.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.json_values import JsonObject
-from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .joint_covariance import Index, JointCovariance
+from .keys import INTRINSICS, PIXELS
+from .sizes import SIZES, Size
+from .term import ErrorTerm
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +83,16 @@ class CameraNoise(ReadOnlyArrays):
         """Return the noise of some of the poses."""
         return replace(self, joint=self.joint.rows(index))
 
-    def scaled(self) -> tuple[Array, Array]:
-        """``own`` (n, 6, 6) and F_1 (n, 6, q_1): the part that s^2 multiplies."""
-        return self.joint.own, self.joint.shared[..., self.scales]
-
-    def fixed(self) -> Array:
-        """F_0 (n, 6, q_0)."""
-        return np.asarray(self.joint.shared[..., ~self.scales])
+    def terms(self) -> tuple[ErrorTerm, ...]:
+        """Return the errors of the camera poses: those that grow with the pixel noise, and those that do not."""
+        size = SIZES[PIXELS] if self.pixel_sd is None else Size(self.pixel_sd, 1.0, "px", "declared")
+        keys, F, fixed = [key or INTRINSICS for key in self.joint.keys], self.joint.shared, ~self.scales
+        own = np.asarray(np.linalg.cholesky(self.joint.own))
+        grown = ErrorTerm(PIXELS, "camera", size, F[..., self.scales], own, tuple(compress(keys, self.scales)))
+        if not fixed.any():
+            return (grown,)
+        rest = tuple(compress(keys, fixed))
+        return grown, ErrorTerm(INTRINSICS, "camera", Size(1.0), columns=F[..., fixed], keys=rest)
 
 
 def checked_pixels(value: float | str) -> float:

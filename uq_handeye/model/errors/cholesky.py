@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry.se3 import Array
 from ...core.rounding import PRODUCT_ROUNDING
@@ -28,6 +29,21 @@ def _singular() -> SingularNoiseError:
         "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
         "the poses of one side standard deviations above 0 in rotation and translation, or use method '4dpa'."
     )
+
+
+def factor(covariance: ArrayLike) -> Array:
+    """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
+    covariance = np.asarray(covariance)
+    try:
+        return np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:  # only semidefinite
+        return symmetric_factor(covariance)
+
+
+def symmetric_factor(covariance: Array) -> Array:
+    """L with ``covariance = L L^T`` by the eigenvectors (..., k, k), without what is negative by rounding."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def inverse_factor(S: Array) -> Array:

@@ -28,6 +28,7 @@ from ...core.presentation.numbers import digits
 from ...core.presentation.units import parse_deviations
 from ...errors import InputError
 from .camera_noise import CameraNoise
+from .cholesky import factor
 from .joint_covariance import Index, JointCovariance
 from .pose_prior import PosePrior
 from .square_roots import Covariance, rows_of, weighted
@@ -228,16 +229,6 @@ def require_count(covariance: Covariance | CameraNoise | None, count: int, name:
     found = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]
     if found != count:
         raise InputError(f"Expected the covariance `{name}` to cover {count} {what}, got {found}.")
-
-
-def factor(covariance: ArrayLike | JointCovariance) -> Array:
-    """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
-    covariance = np.asarray(covariance)
-    try:
-        return np.asarray(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:  # only semidefinite
-        values, vectors = np.linalg.eigh(covariance)
-        return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
 
 
 def noise_to_dict(noise: Noise | None) -> JsonObject | None:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
+from .cholesky import factor
 from .columns import Columns, some_rows
 from .key import ErrorKey, Kind, Owner
-from .models import factor
 from .sizes import Size, SizeLike, checked_sizes
 
 SIDES = ("robot", "camera")

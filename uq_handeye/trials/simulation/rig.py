@@ -15,8 +15,9 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, perturb, pose
 from ...core.presentation.units import parse_angle, parse_length
 from ...errors import InputError, keywords_of, require_integer, require_known, require_type
+from ...model.errors.cholesky import factor
 from ...model.errors.joint_covariance import JointCovariance
-from ...model.errors.models import PoseNoise, factor, is_joint, require_count
+from ...model.errors.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
 
 # A camera bracket on a flange, and a board on the table in front of the arm.

@@ -11,7 +11,7 @@ from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, perturb
 from ...fit.graph.graph import Graph
 from ...fit.graph.noise import given_noise
-from ...model.errors.models import factor
+from ...model.errors.cholesky import factor
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
 from ...model.rig.noise_by_name import NoiseByName
 
