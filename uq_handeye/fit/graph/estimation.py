@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,8 @@ from ...core.levels import INTERVAL
 from ...core.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import InputError
 from ...model.errors.camera_noise import CameraNoise
-from ...model.errors.columns import MANY_POSES, Columns, scaled, side_by_side, squares, turned
+from ...model.errors.cholesky import symmetric_factor
+from ...model.errors.columns import Columns, scaled, side_by_side, squares, turned
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import (
@@ -152,10 +152,7 @@ class JointModel:
     def _sized(self, part: ErrorTerm) -> ErrorTerm:
         """Return a component with the size that was given for it; of shared errors that of their first number."""
         given = self.sizes.get(part.name)
-        if given is None:
-            return part
-        unit = next((float(error.sd[0]) for error in self.errors if error.key == part.key), 1.0)
-        return replace(part, size=replace(given, median=given.median / unit, unit=given.unit or part.size.unit))
+        return part if given is None else replace(part, size=replace(given, unit=given.unit or part.size.unit))
 
     @cached_property
     def known(self) -> dict[str, Array]:
@@ -187,7 +184,8 @@ class JointModel:
         return found
 
     def _known_camera(self) -> list[ErrorTerm]:
-        S, found = self.camera, []
+        S = self.camera
+        found: list[ErrorTerm] = []
         if isinstance(S, CameraNoise):
             found += S.terms()
         elif isinstance(S, JointCovariance):
@@ -195,24 +193,15 @@ class JointModel:
             found.append(ErrorTerm(key, "camera", Size(1.0), columns=S.columns, keys=_keys(S, key)))
         if self.excess is not None:
             key = SCENE_EXCESS if self.of_scene else CAMERA_EXCESS
-            found.append(ErrorTerm(key, "camera", SIZES[key], self.excess.columns, _root(self.excess.own)))
+            found.append(ErrorTerm(key, "camera", SIZES[key], self.excess.columns, symmetric_factor(self.excess.own)))
         if self.shift is not None:
             found.append(ErrorTerm(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
         return found
 
     def _shared(self) -> list[ErrorTerm]:
-        found = []
-        for error in self.errors:
-            if error.is_exact:
-                continue
-            assert self.poses is not None
-            size = Size(1.0, error.factor)
-            known, columns = error.sd > 0, Columns.of([error.factor_at(self.poses)], error.sd)
-            keys, of = tuple(compress(error.keys, known)), columns.some(np.flatnonzero(known))
-            rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
-            each = of.rows(slice(None)) if of.n <= MANY_POSES else of
-            found.append(ErrorTerm(error.key, error.side, size, each, rest, keys))
-        return found
+        shared = [error for error in self.errors if not error.is_exact]
+        assert self.poses is not None or not shared
+        return [] if self.poses is None else [error.term(self.poses) for error in shared]
 
     # ------------------------------------------------------------------------------------------- estimation
 
@@ -339,11 +328,10 @@ class FoundSizes:
                 f"Expected an error of one number ({', '.join(single)}) and `beyond` >= 0, got {str(key)!r}, "
                 f"{beyond:g}."
             )
-        unit = next((float(error.sd[0]) for error in self.source.errors if error.key == key), 1.0)
         place, found = self.model.place(numbers[0]), 0.0
         for weight, theta in zip(self.mixture.weights.tolist(), self.mixture.theta, strict=True):
             at = self.model.conditional(theta)
-            mean, sd = unit * float(at.mean[place]), unit * float(np.sqrt(at.covariance[place, place]))
+            mean, sd = float(at.mean[place]), float(np.sqrt(at.covariance[place, place]))
             found += weight * float(ndtr((mean - beyond) / sd) + ndtr((-mean - beyond) / sd))
         return found
 
@@ -424,9 +412,9 @@ class FoundSizes:
         """Return columns of one standard deviation of each number, bit by bit as a file computes them (`by_poses`)."""
         error = next((error for error in self.source.errors if error.key == part.key), None)
         assert part.columns is not None
-        if error is None or self.source.poses is None or isinstance(part.columns, Columns):
+        if error is None or self.source.poses is None:
             return scaled(part.columns, size)
-        return np.asarray(error.at(self.source.poses)[..., error.sd > 0] * (size * error.sd[error.sd > 0]))
+        return error.of_size(size).columns_of_sd(self.source.poses)
 
     @cached_property
     def of_arm(self) -> dict[Kind, float]:
@@ -436,7 +424,7 @@ class FoundSizes:
     @cached_property
     def errors(self) -> tuple[SharedError, ...]:
         """Errors that all poses share, those of the arm among them, with the standard deviations found."""
-        found = [error.of_size(self.sizes.get(error.key, 1.0)) for error in self.source.errors]
+        found = [error.of_size(self.sizes.get(error.key, error.size.median)) for error in self.source.errors]
         return (*found, *errors_of_arm(self.source.arm, self.of_arm))
 
     @cached_property
@@ -454,9 +442,3 @@ class FoundSizes:
 
 def _keys(S: JointCovariance, otherwise: ErrorKey) -> tuple[ErrorKey, ...]:
     return tuple(key or otherwise for key in S.keys)
-
-
-def _root(S: Array) -> Array:
-    """(n, 6, 6) square roots of covariances that may be singular."""
-    values, vectors = np.linalg.eigh(S)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

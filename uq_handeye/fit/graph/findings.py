@@ -105,13 +105,12 @@ def beside_camera_findings(parts: dict[ErrorKey, ErrorEstimate], dof: float) -> 
 def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
     """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
     source, model, mode = found.source, found.model, found.mode
-    units = {error.key: float(error.sd[0]) for error in source.errors}
     ends: list[JsonObject] = []
     low: list[JsonObject] = []  # of them, those that are smaller than usual
     for place in mode.at_bound:
         part = source.components[int(model.free[place])]
         unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
-        value, usual = (units.get(part.key, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+        value, usual = (float(np.exp(x[place])) for x in (mode.theta, model.medians))
         ends.append({"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor})
         if value < usual:
             low.append(ends[-1])
@@ -127,7 +126,7 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
         beyond = float(mode.theta[place] - model.medians[place]) / np.log(part.size.factor)
         if beyond > FAR_OUTSIDE_SD:
             unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
-            value, usual = (units.get(part.key, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+            value, usual = (float(np.exp(x[place])) for x in (mode.theta, model.medians))
             far: JsonObject = {
                 "error": part.name,
                 "of": unit,
@@ -139,8 +138,10 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
             ends.append(far)
     said = {values["error"] for values in (*low, *ends)}
     for error in source.errors:
-        ratio = found.sizes.get(error.key, 1.0)
-        if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor) or error.name in said:
+        if error.default or error.factor == 1:
+            continue
+        ratio = found.sizes.get(error.key, error.size.median) / error.size.median
+        if abs(np.log(ratio)) <= np.log(error.factor) or error.name in said:
             continue
         declared, of = float(error.sd[0]), SIZES[error.key].unit if error.key in SIZES else error.unit
         values = {"error": error.name, "of": of, "value": declared * ratio, "usual": declared, "factor": error.factor}

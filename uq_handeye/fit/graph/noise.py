@@ -199,16 +199,18 @@ def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[ErrorTerm]:
     arm, of = rig.arms[name], graph.arm == list(rig.arms).index(name)
     assert arm.kinematics is not None and arm.joints is not None
     terms = arm.errors.terms(arm.kinematics, arm.joints[graph.pose[of]], None, arm.by_poses)
-    return [_of_arm(part, of, name) for part in terms]
+    return [of_owner(part, of, name) for part in terms]
 
 
-def _of_arm(part: ErrorTerm, of: NDArray[np.bool_], name: str) -> ErrorTerm:
-    """Return a component of the poses of one arm as one of all robot poses (P,), 0 for the others."""
+def of_owner(part: ErrorTerm, of: NDArray[np.bool_], name: str) -> ErrorTerm:
+    """Return a component of the poses of one owner as one of all poses of a side, 0 for the others."""
     values: dict[str, Any] = {}
-    for what in ("columns", "block"):
-        if (own := getattr(part, what)) is not None:
-            values[what] = np.zeros((len(of), *own.shape[1:]))
-            values[what][of] = own
+    for what, own in (("columns", part.columns), ("block", part.block)):
+        if own is not None:
+            values[what] = rows = some_rows(own, slice(None))
+            if not of.all():
+                values[what] = np.zeros((len(of), *rows.shape[1:]))
+                values[what][of] = rows
     return replace(part, key=part.key.of(name), keys=tuple(key.of(name) for key in part.keys), **values)
 
 

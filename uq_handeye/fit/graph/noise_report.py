@@ -140,16 +140,14 @@ def _of_model(found: FoundSizes) -> tuple[ErrorEstimate, ...]:
     """Return all components with their sizes, in rad and m, and what they do to X."""
     mixture, model, source = found.mixture, found.model, found.source
     free = {k: j for j, k in enumerate(model.free.tolist())}
-    shares, units = model.shares(mixture.mean_theta), {error.key: float(error.sd[0]) for error in source.errors}
+    shares = model.shares(mixture.mean_theta)
     listed = []
     for k, part in enumerate(source.components):
         log, sd = float(np.log(max(part.size.median, 1e-300))), 0.0
         if k in free:
             j = free[k]
             log, sd = float(mixture.mean_theta[j]), float(found.spreads[j])
-        size, low, high = (
-            units.get(part.key, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -INTERVAL_SD, INTERVAL_SD)
-        )
+        size, low, high = (float(np.exp(log + z * sd)) for z in (0.0, -INTERVAL_SD, INTERVAL_SD))
         unit = SIZES[part.key].unit if part.key in SIZES else part.size.unit
         resolved, share = float(found.mode.state.determined[k]) / max(part.count, 1), float(shares[k])
         listed.append(

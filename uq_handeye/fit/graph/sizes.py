@@ -47,7 +47,7 @@ from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
 from .integration import Mixture, integrate
 from .mode import GAIN, ROUGH_GAIN, find_mode
-from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, scene_components
+from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, of_owner, scene_components
 from .reduced_rows import Reduced
 from .request import Request
 from .search import Linear, Problem, search
@@ -209,23 +209,10 @@ def _shared(
     graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError, arm: ArmPoses | None = None
 ) -> ErrorTerm:
     """Component of an error that all poses of an owner share; ``arm``: whose poses have times."""
-    error = error.bound(_alone(bound, of[1], error.side))
-    unit, poses = float(error.sd[0]), _alone(graph, of[0], error.side)
+    error, poses = error.bound(_alone(bound, of[1], error.side)), _alone(graph, of[0], error.side)
     if arm is not None and {*map(type, arm.names)} == {float}:
         poses = replace(poses, timestamps=np.array(arm.names, dtype=float)[graph.pose[of[0]]])
-    columns, scale, block = error.at(poses), error.sd / unit, None
-    if (scale != 1.0).any():
-        columns = columns * scale
-    if not of[0].all():
-        of_owner, columns = columns, np.zeros((len(of[0]), 6, len(error.sd)))
-        columns[of[0]] = of_owner
-    if error.left is not None and len(error.left) == poses.n:
-        values, vectors = np.linalg.eigh(error.left)
-        block = np.zeros((len(of[0]), 6, 6))
-        block[of[0]] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    size = Size(unit, error.factor, error.unit if error.key.of("") not in SIZES else SIZES[error.key.of("")].unit)
-    keys = tuple(key.of(owner) for key in error.keys)
-    return ErrorTerm(error.key.of(owner), error.side, size, columns, block, keys)
+    return of_owner(error.term(poses), of[0], owner)
 
 
 def _alone(graph: Graph, of: NDArray[np.bool_], side: str) -> PosePairs:

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,8 @@ from ...core.presentation.numbers import digits
 from ...core.presentation.units import parse_angle, parse_length, parse_ratio, parse_time
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..errors.columns import Factor, Products, rows_of_factor, some_rows
+from ..errors.cholesky import symmetric_factor
+from ..errors.columns import MANY_POSES, Columns, Factor, Products, rows_of_factor, some_rows
 from ..errors.key import ErrorKey, Kind, Owner
 from ..errors.keys import (
     CAMERA_SCALE,
@@ -59,6 +61,7 @@ from ..errors.keys import (
     VIEW,
 )
 from ..errors.sizes import SIZES, RobotAccuracy, Size, stated_accuracy
+from ..errors.term import ErrorTerm
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .view import intrinsics_columns, median_distance, target_centre
@@ -149,6 +152,29 @@ class SharedError(ReadOnlyArrays):
         """True if it is switched off: standard deviations of 0."""
         return not self.sd.any()
 
+    @property
+    def size(self) -> Size:
+        """The standard deviation of its first number, with the others in proportion; 0 where it is switched off."""
+        plain = self.key.of("")
+        unit = SIZES[plain].unit if plain in SIZES else self.unit
+        return Size(0.0, unit=unit) if self.is_exact else Size(float(self.sd[self.sd > 0][0]), self.factor, unit)
+
+    def term(self, poses: PosePairs) -> ErrorTerm:
+        """Return the bound error at these poses, with the columns of its numbers per unit of its size."""
+        size, block = self.size, None
+        if self.left is not None and len(self.left) == poses.n:
+            block = symmetric_factor(self.left)
+        columns, keys = self._columns_at(poses, self.sd / size.median), tuple(compress(self.keys, self.sd > 0))
+        return ErrorTerm(self.key, self.side, size, columns, block, keys)
+
+    def columns_of_sd(self, poses: PosePairs) -> Array | Columns:
+        """Return the columns at these poses of one standard deviation of each number, without exact ones."""
+        return self._columns_at(poses, self.sd)
+
+    def _columns_at(self, poses: PosePairs, scale: Array) -> Array | Columns:
+        found = Columns.of([self.factor_at(poses)], scale).some(np.flatnonzero(self.sd > 0))
+        return found.rows(slice(None)) if found.n <= MANY_POSES else found
+
     def switched_off(self) -> SharedError:
         """Return the error with standard deviations of 0."""
         none = (0.0, 0.0, None) if self.declared is not None else None
@@ -165,10 +191,10 @@ class SharedError(ReadOnlyArrays):
         return replace(self, sd=times * self.sd, factor=size.factor, default=False, stated=stated)
 
     def of_size(self, size: float) -> SharedError:
-        """Return the error with a size that was found: standard deviations times it, known as they are."""
-        if self.factor == 1 and size == 1.0:
+        """Return the error with a size that was found and is known from then on."""
+        if self.factor == 1 and size == self.size.median:
             return self
-        found = replace(self, sd=size * self.sd, factor=1.0)
+        found = replace(self, sd=size / self.size.median * self.sd, factor=1.0)
         if not self.stated:
             return found
         return replace(found, stated=f"{digits(1e3 * float(found.sd[0]), 2)} mm (found; {self.stated} assumed)")
