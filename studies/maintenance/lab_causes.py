@@ -117,7 +117,7 @@ def of_rig(k: int, cameras: int) -> dict[str, dict[str, float]]:
         check = uq.check(result, rig(rows.tolist(), change))
         part = "board" if cause == TARGET_MOVED else names[1]
         found[change] = {cause if (one.name, one.of) == (cause, part) else f"{one.name} of {one.of}": one.probability
-                         for one in check.causes.all}  # fmt: skip
+                         for one in (check.causes.all if check.changed else ())}  # fmt: skip
         found[change] |= {f"listed {one.name} {one.of}": one.probability for one in check.likely}
     return found
 
