@@ -347,7 +347,7 @@ class RigPoses(Record):
         refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
         return refuted or ratio > MAX_CHI_SQUARE_RATIO
 
-    @property
+    @cached_property
     def _kept(self) -> dict[tuple[str, str], tuple[int, int]]:
         """Number of views that count, and of all, of each camera and target; those of a rejected robot pose do not."""
         out = set(self.rejected_poses)

@@ -115,6 +115,14 @@ class Rows(NamedTuple):
     known: Array | None  # (n, d, d)
 
 
+class _Inner(NamedTuple):
+    """A block that is 0 but for some rows of each group: noise of one of several cameras."""
+
+    number: int  # of its component
+    of: slice  # the rows
+    block: Array  # (d', d', n)
+
+
 class _Prepared(NamedTuple):
     """`Rows` with the groups along the last axis, for which one loop serves all of them."""
 
@@ -123,15 +131,24 @@ class _Prepared(NamedTuple):
     numbers: NDArray[np.intp]  # (b,) of the components of the blocks
     blocks: Array  # (b, d, d, n)
     known: Array | float  # (d, d, n)
+    inner: tuple[_Inner, ...]  # blocks of further components
 
     @classmethod
     def of(cls, rows: Rows) -> _Prepared:
         columns = np.concatenate([rows.J, rows.shared, rows.r[..., None]], axis=-1)
-        blocks = np.array([*rows.blocks.values()]).reshape(-1, *rows.r.shape, rows.r.shape[-1])
+        d, whole, inner = rows.r.shape[-1], dict[int, Array](), list[_Inner]()
+        for number, block in rows.blocks.items():
+            used = np.flatnonzero(np.einsum("nii->i", block)) if d > 6 else np.arange(d)
+            if len(used) and 2 * (used[-1] + 1 - used[0]) <= d:
+                of = slice(int(used[0]), int(used[-1]) + 1)
+                inner.append(_Inner(number, of, np.ascontiguousarray(block[:, of, of].transpose(1, 2, 0))))
+            else:
+                whole[number] = block
+        blocks = np.array([*whole.values()]).reshape(-1, *rows.r.shape, d)
         known = 0.0 if rows.known is None else np.ascontiguousarray(rows.known.transpose(1, 2, 0))
         return cls(
-            np.ascontiguousarray(columns.transpose(2, 1, 0)), columns, np.array([*rows.blocks], dtype=np.intp),
-            np.ascontiguousarray(blocks.transpose(0, 2, 3, 1)), known,
+            np.ascontiguousarray(columns.transpose(2, 1, 0)), columns, np.array([*whole], dtype=np.intp),
+            np.ascontiguousarray(blocks.transpose(0, 2, 3, 1)), known, tuple(inner),
         )  # fmt: skip
 
     def whitened(self, s: Array) -> tuple[Array, Array, Array]:
@@ -142,6 +159,8 @@ class _Prepared(NamedTuple):
         if len(self.numbers):
             parts = (s[:, self.numbers] ** 2) @ self.blocks.reshape(len(self.numbers), -1)
             V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
+        for number, of, block in self.inner:
+            V[of, of] += s[:, number, None] ** 2 * block[:, :, None]
         white = np.empty((len(s), q, d, n))
         if d > 6:  # groups of several views: LAPACK and BLAS group by group, one loop for all of the small ones
             L_inv = np.linalg.inv(checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1))))
@@ -335,7 +354,7 @@ class LatentModel(ReadOnlyArrays):
         determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k).astype(float)  # integers of none
         gradient = determined - np.bincount(owner, z * z, minlength=k)
         for rows, half, part in self._parts(at.halves):
-            if not len(rows.numbers):
+            if not len(rows.numbers) + len(rows.inner):
                 continue
             d, n = half.shape[0], half.shape[-1]
             each = np.ascontiguousarray(Q[:, part].reshape(-1, d, n).transpose(2, 1, 0))
@@ -345,6 +364,8 @@ class LatentModel(ReadOnlyArrays):
             inside = by.mT @ left @ by
             squares, flat_blocks = at.s[rows.numbers] ** 2, rows.blocks.reshape(len(rows.numbers), -1)
             gradient[rows.numbers] += squares * (flat_blocks @ inside.transpose(1, 2, 0).reshape(-1))
+            for number, of, block in rows.inner:
+                gradient[number] += at.s[number] ** 2 * np.vdot(block, inside[:, of, of].transpose(1, 2, 0))
         return Slope(gradient[self.free] + at.pulled, determined, Q, e)
 
     def information(self, at: Solved, slope: Slope) -> Array:
@@ -354,12 +375,16 @@ class LatentModel(ReadOnlyArrays):
         for c, of in self._places.items():
             W[c] = -2.0 * (at.u[of] @ at.A[of])
         for rows, half, part in self._parts(at.halves):
-            if not len(rows.numbers):
+            if not len(rows.numbers) + len(rows.inner):
                 continue
             e_i = e[part].reshape(half.shape[0], half.shape[-1])
-            pulled = np.einsum("bijn,jn->bin", rows.blocks, np.einsum("jin,jn->in", half, e_i))
+            back = np.einsum("jin,jn->in", half, e_i)
+            pulled = np.einsum("bijn,jn->bin", rows.blocks, back)
             moved = np.einsum("ijn,bjn->bin", half, pulled).reshape(len(rows.numbers), -1)
             W[rows.numbers, part] += 2.0 * at.s[rows.numbers, None] ** 2 * moved
+            for number, of, block in rows.inner:
+                moved = np.einsum("ijn,jn->in", half[:, of], np.einsum("ijn,jn->in", block, back[of])).reshape(-1)
+                W[number, part] += 2.0 * at.s[number] ** 2 * moved
         flat = W[self.free]
         across = flat @ Q.T
         return np.asarray(0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes)
@@ -412,9 +437,10 @@ class LatentModel(ReadOnlyArrays):
             columns = root @ of_x[:, self._places.get(k, slice(0))]
             variance = columns @ columns.T
             for rows, half, part in self._parts(at.halves):
-                for number, block in zip(rows.numbers, rows.blocks, strict=True):
+                every = (_Inner(int(one), slice(None), of) for one, of in zip(rows.numbers, rows.blocks, strict=True))
+                for number, of, block in (*every, *rows.inner):
                     if number == k:
-                        pull = np.einsum("qin,ijn->qjn", gain[:, part].reshape(q, *half.shape[1:]), half)
+                        pull = np.einsum("qin,ijn->qjn", gain[:, part].reshape(q, *half.shape[1:]), half[:, of])
                         each = np.einsum("qin,ijn->qjn", pull, block).reshape(q, -1) @ pull.reshape(q, -1).T
                         variance = variance + at.s[k] ** 2 * root @ each @ root.T
             found[k] = np.linalg.eigvalsh(variance)[-1]

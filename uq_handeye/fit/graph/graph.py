@@ -93,17 +93,18 @@ class Graph:
         for v, view in enumerate(rig.views):
             places = rig.places(view)
             assert view.at is not None
-            for k, moment in enumerate(view.at):
+            count = len(view.at)
+            for moment in view.at:
                 for s, place in enumerate(places):
-                    if place == WORLD:
-                        columns[f"b{s}"].append(len(names))
-                        columns[f"g{s}"].append(-1)
-                        continue
-                    key = (arms.index(place), rows[place][moment])
-                    columns[f"b{s}"].append(number.get(place, len(names)))
-                    columns[f"g{s}"].append(used.setdefault(key, len(used)))
-                for name, value in {"X": number[view.camera], "W": number[view.target], "view": v, "row": k}.items():
-                    columns[name].append(value)
+                    if place != WORLD:
+                        key = (arms.index(place), rows[place][moment])
+                        columns[f"g{s}"].append(used.setdefault(key, len(used)))
+            for s, place in enumerate(places):
+                columns[f"b{s}"] += [number.get(place, len(names))] * count
+                columns[f"g{s}"] += [-1] * count if place == WORLD else []
+            for name, value in {"X": number[view.camera], "W": number[view.target], "view": v}.items():
+                columns[name] += [value] * count
+            columns["row"] += range(count)
         found = {name: np.array(values, dtype=np.intp) for name, values in columns.items()}
         keys = np.array(list(used), dtype=np.intp).reshape(-1, 2)
         robot = np.array([rig.arms[arms[a]].poses[k] for a, k in keys.tolist()]).reshape(-1, 4, 4)
