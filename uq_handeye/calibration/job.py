@@ -20,6 +20,7 @@ from ..fit.graph.request import Request, of_motions
 from ..methods.all_pairs import AllPairs
 from ..methods.registry import ROBOT_WORLD_METHODS
 from ..model.errors.camera_noise import CameraNoise
+from ..model.errors.columns import MANY_POSES
 from ..model.errors.joint_covariance import JointCovariance
 from ..model.errors.keys import CLOCK_OFFSET, LENS, OUTLINE, ROBOT_ACCURACY, VIEW
 from ..model.errors.models import Noise, PoseNoise, require_count, with_prior
@@ -212,12 +213,16 @@ def _motions_of(request: Request, data: PosePairs | Motions, noise: Noise | None
     return motions, everything
 
 
-def _require_memory(job: Job, copies: int = 16, unknowns: int = 12) -> None:
-    """Raise `InputError` where so many copies of the columns of X, W and the shared errors are more than is free."""
+def _require_memory(job: Job, copies: int = 16, copies_of_many: int = 2, bytes_per_pose: int = 6_000) -> None:
+    """Raise `InputError` where so many copies of the columns of X, W and the shared errors are more than is free.
+
+    Of many poses they are held as their factors, measured and corrected, beside so many bytes of each pose.
+    """
     if job.method in ESTIMATORS:
-        columns = unknowns + sum(len(error.keys) for error in job.shared)
-        needed = copies * 8.0 * 6.0 * len(job.data) * columns
-        require_memory(needed, f"A fit to {len(job.data):,} poses", FEWER_POSES)
+        n, columns = len(job.data), 12 + sum(len(error.keys) for error in job.shared)
+        many = n > MANY_POSES
+        needed = n * (8.0 * 6.0 * (copies_of_many if many else copies) * columns + (bytes_per_pose if many else 0))
+        require_memory(needed, f"A fit to {n:,} poses", FEWER_POSES)
 
 
 def _stands(poses: PosePairs | None) -> bool:

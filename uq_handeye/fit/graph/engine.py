@@ -163,7 +163,8 @@ class _Prepared(NamedTuple):
             V[of, of] += s[:, number, None] ** 2 * block[:, :, None]
         white = np.empty((len(s), q, d, n))
         if d > 6:  # groups of several views: LAPACK and BLAS group by group, one loop for all of the small ones
-            L_inv = np.linalg.inv(checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1))))
+            L = checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1)))
+            L_inv = np.stack([dtrtri(one.T)[0].T for one in L.reshape(-1, d, d)]).reshape(L.shape)
             white[:] = (L_inv @ self.by_group).transpose(0, 3, 2, 1)
             half = np.asarray(L_inv, dtype=float).transpose(2, 3, 0, 1)
             return half, white.reshape(len(s), q, -1), -np.log(np.einsum("iitn->tin", half)).sum(axis=(1, 2))

@@ -25,7 +25,7 @@ from ...core.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import InputError
 from ...model.errors.camera_noise import CameraNoise
 from ...model.errors.cholesky import symmetric_factor
-from ...model.errors.columns import Columns, scaled, side_by_side, squares, turned
+from ...model.errors.columns import MANY_POSES, Columns, as_columns, scaled, side_by_side, squares, turned
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.key import ErrorKey, Kind, Owner
 from ...model.errors.keys import (
@@ -390,7 +390,9 @@ class FoundSizes:
                     more = 0.5 * s * s * (square + square.mT)
                     own = more if own is None else own + more
                 if part.columns is not None:
-                    columns.append(self._sized(part, s) if turns is None else scaled(part.columns, s))
+                    each = part.columns if source.constraint.n <= MANY_POSES else as_columns(part.columns)
+                    sized = turns is None and not isinstance(each, Columns)
+                    columns.append(self._sized(part, s) if sized else scaled(each, s))
                     keys += part.keys
             if columns:
                 n = source.constraint.n

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors.columns import some_rows
+from ..errors.columns import MANY_POSES, Columns, some_rows
 from ..errors.joint_covariance import JointCovariance
 from ..errors.key import ErrorKey, Kind
 from ..errors.models import PoseNoise, is_joint, require_count
@@ -38,10 +38,11 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
     for side in SIDES:
         of_side = [error for error in errors if error.side == side and not error.is_exact]
         if of_side:
-            F = np.concatenate([error.at(poses) * error.sd for error in of_side], axis=-1)
-            known = np.concatenate([error.sd for error in of_side]) > 0
+            sd = np.concatenate([error.sd for error in of_side])
+            F = Columns.of([error.factor_at(poses) for error in of_side], sd).some(np.flatnonzero(sd))
             keys = (key for error in of_side for key in error.keys)
-            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(compress(keys, known)))
+            each = F.rows(slice(None)) if poses.n <= MANY_POSES else F
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), each, tuple(compress(keys, sd > 0)))
     return found
 
 
@@ -63,7 +64,7 @@ def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise
             return S
         if not kept.any():
             return S.own if S.own.any() else None
-        return JointCovariance(S.own, S.shared[..., kept], tuple(compress(S.keys, kept)))
+        return JointCovariance(S.own, S.some(np.flatnonzero(kept)), tuple(compress(S.keys, kept)))
 
     return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
 
