@@ -44,8 +44,8 @@ def diff_command(
     from ...calibration.load import load
     from ...use.maintenance.difference import difference, difference_document
 
-    stored = {file: load(file) for file in (old, new)}
-    if any(refused_as_not_usable(found, file, "compared") for file, found in stored.items()):
+    stored = [(file, load(file)) for file in (old, new)]  # which may be one file
+    if any(refused_as_not_usable(found, file, "compared") for file, found in stored):
         return ExitStatus.NOT_USABLE
     if cameras := chosen.each(old):
         return run_each(
@@ -54,7 +54,7 @@ def diff_command(
             output,
             lambda name, folder: diff_command(old, new, chosen._replace(of_camera=name), same, as_json, folder),
         )
-    found = difference(*(chosen.of(found, file) for file, found in stored.items()), same=names_of(same, ()))
+    found = difference(*(chosen.of(found, file) for file, found in stored), same=names_of(same, ()))
     text = found.to_json()
     deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
         "diff.json": text, "diff.txt": found.summary()
