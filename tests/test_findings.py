@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uq_handeye import InputError, InputWarning
-from uq_handeye.findings import Finding, sentence, texts, warn
+from uq_handeye.findings import Finding, sentence, texts, warn, without_consequences
 
 SEVERITIES = ("note", "caution", "failure")
 
@@ -78,3 +78,12 @@ def test_a_stored_finding_is_worded_in_a_process_that_made_none():
     code = "from uq_handeye.findings import Finding; print(Finding('input_checks.same_file', 'failure', {}).phrase)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "robot and camera file hold the same poses"
+
+
+def test_a_caution_about_one_camera_explains_no_failure_of_a_rig():
+    """A move is said also where the axes of a file look sheared, which hides it as a failure only."""
+    moved = Finding("rig.moved", "failure", {})
+    for severity, left in (("caution", 2), ("failure", 1)):
+        read = Finding("input_checks.misread_axes", severity, {"reading": {"kind": "axes"}})
+        values = {"camera": "left", "target": "board", "finding": read.to_dict()}
+        assert len(without_consequences([moved, Finding("rig.of_camera", severity, values)])) == left

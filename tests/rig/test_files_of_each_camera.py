@@ -72,6 +72,19 @@ def test_a_wrong_file_is_named_by_its_camera(places, fault):
     assert not any("Camera left" in str(one) for one in found)
 
 
+def test_a_target_none_of_whose_views_count_is_named_by_its_camera():
+    """Its only camera is in mm: its views count for nothing, and no error of the program comes of it."""
+    places = {"left": "world", "right": "arm"}, {"board": "arm", "plate": "world"}
+    seen = [("left", "board"), ("right", "plate"), ("left", "plate")]
+    rig, _ = simulate_rig(*places, n_poses=12, seen=seen, noise=NOISE, seed=[SEED, 4])
+    views = [
+        uq.View(view.camera, view.target, longer(view.poses, 1000.0 if view.camera == "right" else 1.0), view.at)
+        for view in rig.views
+    ]
+    found, usable = findings_of(uq.Rig(rig.arms, rig.cameras, rig.targets, views))
+    assert not usable and "--units right=mm" in str(found[0])
+
+
 def test_two_cameras_with_the_poses_of_one_are_named():
     rig, _ = simulate_rig(*HAND, n_poses=12, noise=NOISE, seed=[SEED, 2])
     found, usable = findings_of(with_right(rig, rig.views[0].poses))

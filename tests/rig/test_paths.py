@@ -131,3 +131,20 @@ def test_paths_in_text_and_in_the_file():
     of = {(path["name"], path.get("by") or path["since"]): path for path in stored["paths"]}
     assert of["board", 25]["chi_square"] > chi2.ppf(1 - 1e-9, 6)
     assert stored["findings"][0]["code"] == "rig.moved"
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("before", [3, 4])
+def test_a_camera_is_said_to_have_moved_after_its_first_few_views(before):
+    """They are rejected, and are too few to be a run among other outliers."""
+    noise = dict.fromkeys(("arm", "left", "right"), SIZE)
+    rig, _ = simulate_rig({"left": "world", "right": "world"}, {"board": "arm"}, n_poses=13, seed=before, noise=noise)
+    left, right = rig.views
+    poses = right.poses.copy()
+    poses[before:, :3, 3] += 0.02 * np.array([0.6, -0.8, 0.0])
+    after = uq.Rig(rig.arms, rig.cameras, rig.targets, [left, uq.View("right", "board", poses, right.at)])
+    result = uq.calibrate(after, noise=noise)
+    assert [(one.code, one.values["name"], one.values["since"]) for one in result.findings] == [
+        ("rig.moved", "right", str(before))
+    ]

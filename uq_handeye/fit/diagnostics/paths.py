@@ -397,12 +397,14 @@ def _with_runs(task: Task, found: RigFit) -> RigFit:
 
 
 def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """Views of `MIN_RUN` or more moments in a row of which most views are rejected."""
+    """Views of `MIN_RUN` or more moments in a row of which most views are rejected; of fewer, the first or the last."""
     of = np.unique(moment, return_inverse=True)[1]
     bad = np.bincount(of, weak) > 0.5 * np.bincount(of)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
     return [
-        np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= MIN_RUN
+        np.flatnonzero((of >= a) & (of < b))
+        for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        if b - a >= (MIN_RUN if a > 0 and b < len(bad) else MIN_MOMENTS)
     ]
 
 

@@ -231,8 +231,8 @@ def _by_view(graph: Graph, width: float, views: NDArray[np.intp] | None = None) 
         asked = np.isin(np.arange(graph.E), views)
     for target in np.unique(graph.W):
         of = target == graph.W
-        some = of & asked
-        found[some] = view_block(graph.C[some], *_place_of(graph.C[of], graph.X[of], width))
+        if (some := of & asked).any():
+            found[some] = view_block(graph.C[some], *_place_of(graph.C[of], graph.X[of], width))
     return found
 
 

@@ -138,7 +138,7 @@ def _named_phrase(camera: str, phrase: str) -> str:
     phrase=lambda values: _named_phrase(values["camera"], _of_file(values).phrase),
     remedy=lambda values: _of_file(values).remedy,
     effect=lambda values: _of_file(values).effect,
-    explains=lambda values: _of_file(values).explains,
+    explains=lambda values: (of := _of_file(values)).explains and of.severity == "failure",
     rank=0,
 )
 def _(camera: str, target: str, finding: Mapping[str, Any]) -> str:
