@@ -311,7 +311,7 @@ def noise_of_views(rig: Rig, result: RigCalibration, **options: Any) -> list[Fin
         own = calibrate_rig(rig, None, **options).noise
     except (InputError, NotConvergedError):
         return []
-    larger = []
+    larger: list[dict[str, Any]] = []
     for name, (rotation, translation) in own.items():
         pairs = zip((rotation, translation), result.noise[name], strict=True)
         times = max((one / given for one, given in pairs if given > 0), default=None)

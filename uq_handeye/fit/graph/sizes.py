@@ -1,14 +1,14 @@
 r"""Noise of a rig, estimated from its own views: components with owners, whose sizes are found jointly (`one_model`).
 
 An arm owns rotation and translation noise of its poses, and its accuracy; a camera rotation and translation noise,
-noise that depends on the view, focal length and image centre; a target its scale. The column of an owner is zero in the
-rows of the others. With one camera these are the components of `calibrate`, in their order; the data then cannot
-separate the distortion of the lens from the errors by the view, and the size of the intrinsics is that of the table.
-Several cameras determine that size: it is free, and the sizes of all cameras share a prior, log-normal about a median
-that is itself log-normal, so that a camera with few views borrows from the others. Targets of one printer are wrong by
-one factor: in addition to the scale of each, several targets share one. The ratio of the targets' width to their
-distance decides the shape of the noise by the view and the effect of the intrinsics; several cameras determine that
-ratio as well (`width_of_targets`).
+noise that depends on the view and of the depth, focal length and image centre; a target its scale. The column of an
+owner is zero in the rows of the others. With one camera these are the components of `calibrate`, in their order; the
+data then cannot separate the distortion of the lens from the errors by the view, and the size of the intrinsics is that
+of the table. Several cameras determine that size: it is free, and the sizes of all cameras share a prior, log-normal
+about a median that is itself log-normal, so that a camera with few views borrows from the others. Targets of one
+printer are wrong by one factor: in addition to the scale of each, several targets share one. The ratio of the targets'
+width to their distance decides the shape of the noise by the view and the effect of the intrinsics; several cameras
+determine that ratio as well (`width_of_targets`).
 
 Rows of one robot pose form one block (`engine.Rows`): views at one moment show the robot's noise directly, by the
 correlation of their residuals.
@@ -36,6 +36,7 @@ from ...model.shared_errors.view import (
     HALF_WIDTH,
     LENS_SHARES,
     intrinsics_columns,
+    lines_of_sight,
     median_distance,
     target_centre,
     view_block,
@@ -75,7 +76,9 @@ SHARED = (
 NUMBERS = {
     error.key: error.keys for error in (SharedError.focal_length(), SharedError.principal_point(), assumed_lens())
 }
-OF_EACH_CAMERA = (Kind.ROTATION, Kind.TRANSLATION, Kind.BY_VIEW, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT)
+OF_EACH_CAMERA = (
+    Kind.ROTATION, Kind.TRANSLATION, Kind.BY_VIEW, Kind.DEPTH, Kind.FOCAL_LENGTH, Kind.PRINCIPAL_POINT
+)  # fmt: skip
 _PARTS = ((Kind.ROTATION, np.eye(6)[:, :3]), (Kind.TRANSLATION, np.eye(6)[:, 3:]))
 
 
@@ -114,12 +117,14 @@ def components_of(
     targets = _seen(rig.targets, lambda name: [np.intp(_place(name, one.names)) == one.W for _, one in both])
     _, given = given_covariances(rig, graph)
     by_view, found = _by_view(before if both[1][0] is rig else graph, width, views), []  # those measured, if corrected
+    depths = lines_of_sight((before if both[1][0] is rig else graph).C)
     for name, (of, _) in arms.items():
         for what, B in _PARTS:
             key = ErrorKey(Owner.ROBOT, what)
             found.append(ErrorTerm(key.of(name), "robot", SIZES[key], block=_of(of, B)))
     for name, (of, _) in cameras.items():
-        blocks = (*_PARTS, (Kind.BY_VIEW, by_view)) if (own := of & ~given).any() else ()
+        of_views = (Kind.BY_VIEW, by_view), (Kind.DEPTH, depths)
+        blocks = (*_PARTS, *of_views) if (own := of & ~given).any() else ()
         for what, B in blocks:
             key = ErrorKey(Owner.CAMERA, what)
             found.append(ErrorTerm(key.of(name), "camera", SIZES[key], block=_of(own, B)))
