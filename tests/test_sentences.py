@@ -58,6 +58,8 @@ NAMED = {
     "errors": [{"name": "focal length", "estimate": 0.01, "sd": 1e-3}],
     "told": [{"group": "joint offsets", "share": 0.4}, {"group": "sag", "share": 0.1}],
     "since": "21",
+    "rows": [2, 7],
+    "larger": [{"name": "left", "rotation": 0.002, "translation": 1e-3, "times": 4.0}],
     "directions": [{"what": "rotation", "axis": [0.0, 1.0, 0.0], "size": 0.1}],
 }
 MADE = {"float": 0.25, "int": 3, "str": "text", "bool": True, "Sequence[float]": [0.6, 0.0, 0.8],
