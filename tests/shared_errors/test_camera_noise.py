@@ -130,6 +130,15 @@ def test_of_a_calibrated_camera_it_takes_model_and_covariance(views):
     assert noise.joint.shared.shape == other.shared.shape
 
 
+def test_robot_noise_beside_an_unknown_pixel_noise_is_that_of_all_noise(views):
+    poses, matrix, _, _ = views
+    noise = uq.camera_noise(poses, POINTS, matrix)
+    beside, both = uq.estimate_robot_noise(poses, noise), uq.estimate_noise(poses, camera=noise)
+    for found, other in zip(beside.components, both.components, strict=True):
+        assert found.key == other.key
+        assert found.size == pytest.approx(other.size, rel=1e-2)  # the sizes end where a step gains nothing
+
+
 @pytest.mark.statistical
 def test_errors_are_consistent_and_with_exact_intrinsics_they_are_not():
     """X of finished poses, robot and pixel noise estimated: d^2 of 24 rigs; exact intrinsics are rejected."""

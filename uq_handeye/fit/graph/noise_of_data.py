@@ -131,7 +131,7 @@ def estimate_robot_noise(
         The sizes do not converge.
     """
     camera = PoseNoise(camera=camera).camera
-    constraint = constraint_of(data, PoseNoise(camera=camera))
+    constraint = constraint_of(data, None if isinstance(camera, CameraNoise) else PoseNoise(camera=camera))
     if not isinstance(constraint, OnPoses) or constraint.first.ndim != 3:
         raise InputError("Expected `data` to be one set of PosePairs, got motions or several sets.")
     model = JointModel.beside(constraint, data, prior, camera, None, ())
