@@ -213,7 +213,7 @@ def _motions_of(request: Request, data: PosePairs | Motions, noise: Noise | None
     return motions, everything
 
 
-def _require_memory(job: Job, copies: int = 16, copies_of_many: int = 2, bytes_per_pose: int = 6_000) -> None:
+def _require_memory(job: Job, copies: int = 16, copies_of_many: int = 2, bytes_per_pose: int = 10_000) -> None:
     """Raise `InputError` where so many copies of the columns of X, W and the shared errors are more than is free.
 
     Of many poses they are held as their factors, measured and corrected, beside so many bytes of each pose.

@@ -157,9 +157,14 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
         return without("halves_without_freedom", dof=dof)
     joint = is_joint(fit.S)
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
-    factors = [cholesky_of(rows_of(fit.S, half)) for half in halves]
-    white = [whiten(factor, stacked[..., half, :, :]) for factor, half in zip(factors, halves, strict=True)]
-    sums = np.stack([gram(part) for part in white])
+    found, back = [], []
+    for half in halves:  # one after the other: each has its part of the columns
+        factor = cholesky_of(rows_of(fit.S, half))
+        white = whiten(factor, stacked[..., half, :, :])
+        found.append(gram(white))
+        back += [pulled(factor, white)[..., :-1]] if joint else []
+        del factor, white
+    sums = np.stack(found)
     try:
         C = inverse_information(sums[..., :-1, :-1])
     except DegenerateMotionError as error:
@@ -169,7 +174,6 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
     d = np.concatenate([logarithm(X1[..., :3, :3] @ X2[..., :3, :3].mT), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
     V = C[0, ..., :6, :6] + C[1, ..., :6, :6]
     if joint:
-        back = [pulled(factor, part)[..., :-1] for factor, part in zip(factors, white, strict=True)]
         K = _between(fit.S, halves, [of[..., :6, :] for of in C], back)
         V = V - K - K.mT
     spread = np.diagonal(V, axis1=-2, axis2=-1)

@@ -110,7 +110,7 @@ def assumed_outline() -> SharedError:
         return {
             "keys": tuple(OUTLINE.number(k + 1) for k in range(count)),
             "sd": np.full(count, size.median),
-            "effect": lambda at: outline_columns(at.camera, distance, centre) @ turn,
+            "effect": lambda at: outline_columns(at.camera, distance, centre, turn),
         }
 
     return SharedError(

@@ -37,7 +37,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...core.geometry.se3 import Array, skew
-from ..errors.columns import Products
+from ..errors.columns import MANY_POSES, Products
 
 # Half of the width of the target over its distance.
 HALF_WIDTH = 0.15
@@ -212,8 +212,9 @@ def intrinsics_columns(camera: Array, distance: float | None = None, centre: Arr
     return _by_intrinsics_of(camera, distance, tuple(centre.tolist()))
 
 
-def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
-    """(n, 6, 32) changes of the `intrinsics_columns` at poses (n, 4, 4) with the outline of the target.
+def outline_columns(camera: Array, distance: float, centre: Array, turn: Array | None = None) -> Array:
+    """(n, 6, 32) changes of the `intrinsics_columns` at poses (n, 4, 4) with the outline of the target, or these times
+    ``turn`` (32, k).
 
     By the logarithm of its width, that of its height, and its place along both in its usual half width; derivatives by
     a finite change.
@@ -222,11 +223,16 @@ def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
     change = 0.1
     before = intrinsics_columns(camera, distance, centre)
     place, half, across = tuple(centre.tolist()), HALF_WIDTH * distance, _across(camera)
-    changed = [_by_intrinsics_of(camera, distance, place, s) for s in ((np.exp(change), 1.0), (1.0, np.exp(change)))]
-    for k in range(2):
-        moved = tuple((centre + change * half * across[k]).tolist())
-        changed.append(_by_intrinsics_of(camera, distance, moved))
-    return np.concatenate([(after - before) / change for after in changed], axis=-1)
+    outlines = [(place, (np.exp(change), 1.0)), (place, (1.0, np.exp(change)))]
+    outlines += [(tuple((centre + change * half * across[k]).tolist()), (1.0, 1.0)) for k in range(2)]
+    changes = ((_by_intrinsics_of(camera, distance, *one) - before) / change for one in outlines)
+    if turn is None or len(camera) <= MANY_POSES:
+        K = np.concatenate([*changes], axis=-1)
+        return K if turn is None else np.asarray(K @ turn)
+    found = np.zeros((len(camera), 6, turn.shape[1]))
+    for k, K in enumerate(changes):  # one after the other
+        found += K @ turn[8 * k : 8 * k + 8]
+    return found
 
 
 def _by_intrinsics_of(
