@@ -134,7 +134,7 @@ def test_exchanged_views_are_found_without_a_fit():
 @pytest.mark.parametrize(("count", "severity"), [(3, "caution"), (8, "failure")])
 @pytest.mark.parametrize("wrong", [exchanged_of_a_pair, views_exchanged])
 def test_exchanged_views_are_named(wrong, count, severity):
-    """Where half of the views are exchanged, the names of the cameras are not sure."""
+    """Half of the views are exchanged: the names of the cameras are not sure."""
     rig, _ = simulate_rig(*HAND, n_poses=15, seed=3, noise=NOISE)
     if wrong is exchanged_of_a_pair:
         left = rig.views[0].poses
@@ -153,7 +153,7 @@ def test_exchanged_views_are_named(wrong, count, severity):
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("places", [HAND, CELL])
 def test_noise_that_is_refuted_is_said_to_be_that_of_its_camera(places):
-    """As a camera whose clock is off while the robot moves: its views scatter by more than was given."""
+    """The clock of a camera is off while the robot moves: its views scatter by more than was given."""
     larger = NOISE | {"right": ("8mrad", "4mm")}
     rig, _ = simulate_rig(*places, n_poses=14, seed=[SEED, 8], noise=larger)
     result = uq.calibrate(rig, noise=NOISE)

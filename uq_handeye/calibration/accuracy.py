@@ -352,7 +352,7 @@ class Statement(Checked):
 
     @property
     def advice(self) -> str | None:
-        """What to do about the data or the noise, None where there is nothing."""
+        """The next step about the data or the noise, None where there is nothing to do."""
         if (found := self.remedy) is not None:
             return found
         if (accuracy := self.accuracy) is None:

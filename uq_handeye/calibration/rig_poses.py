@@ -299,7 +299,7 @@ class RigPoses(Record):
 
     @property
     def advice(self) -> str | None:
-        """What to do about what was found, None where there is nothing."""
+        """The next step about the findings, None where there is nothing to do."""
         step = step_after([one for one in self.findings if one.severity != "note"])
         return None if step is None else step.rstrip(".")
 

@@ -1,4 +1,4 @@
-"""What is certified of a result: reasons against it, the sheets of the page, and the data."""
+"""The certified part of a result: reasons against it, the sheets of the page, and the data."""
 
 from __future__ import annotations
 

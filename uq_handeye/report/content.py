@@ -1,4 +1,4 @@
-"""What a report shows of a result: selections of its sections, for two pages and folded below them."""
+"""The content of a report: selections of its sections, for two pages and folded below them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .sheets import caution_points, first_sheet, second_sheet, split_cautions
 
 
 class Wanted(NamedTuple):
-    """What goes into a report beside the result."""
+    """The inputs of a report beside the result."""
 
     comparison: Compared
     cross_check: CrossCheck | None

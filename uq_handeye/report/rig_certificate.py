@@ -1,4 +1,4 @@
-"""What is certified of a rig: all poses with their uncertainties, relative poses, decision on each camera, conditions.
+"""The certified part of a rig: all poses with their uncertainties, relative poses, decision on each camera, conditions.
 
 Uncertainties are those of the joint covariance: the length and angle that 95 % of the errors of a pose are within. A
 rig in which something moved, whose residuals are larger than the noise explains, or whose cameras are not determined in

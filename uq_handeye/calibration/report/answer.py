@@ -10,7 +10,7 @@ from ..tolerance import Verdict
 
 
 class Answered(Protocol):
-    """What the results of one camera and of several have."""
+    """The part that results of one camera and of several have in common."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -22,7 +22,7 @@ class Answered(Protocol):
 
     @property
     def is_stated(self) -> bool:
-        """Whether its accuracy is known."""
+        """True if its accuracy is known."""
 
     @property
     def remedy(self) -> str | None:
@@ -30,7 +30,7 @@ class Answered(Protocol):
 
     @property
     def advice(self) -> str | None:
-        """What to do about the data or the noise."""
+        """The next step about the data or the noise."""
 
 
 def verdict_blocks(result: Answered, verdicts: Mapping[str, Verdict]) -> list[Block]:

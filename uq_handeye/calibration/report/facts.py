@@ -78,7 +78,7 @@ class Fact(NamedTuple):
 
     @property
     def short_95(self) -> str:
-        """What 95 % of the errors are within, with two digits; "open" where it is not determined."""
+        """The length that 95 % of the errors are within, with two digits; "open" where it is not determined."""
         if self.within_95 is None:
             return ""
         return digits(self.within_95, 2) if np.isfinite(self.within_95) else "open"

@@ -50,7 +50,7 @@ class Searched(Generic[At]):
 
 
 class Problem(NamedTuple, Generic[At]):
-    """What is searched: rows at given unknowns, and unknowns moved by a step of all of them."""
+    """The two ways of a search: rows at given unknowns, and unknowns moved by a step of all of them."""
 
     linear_at: Callable[[At], Linear]
     moved: Callable[[At, Array], At]

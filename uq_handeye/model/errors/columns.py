@@ -96,7 +96,7 @@ class Part(NamedTuple):
 
     @property
     def ends(self) -> list[int]:
-        """Where the columns of each factor begin, and the last ends."""
+        """Places where the columns of each factor begin, and the last ends."""
         return [0, *accumulate(map(count_of, self.factors))]
 
     def times(self, M: Array, of: Rows) -> Array:
