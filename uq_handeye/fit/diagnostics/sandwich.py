@@ -63,7 +63,6 @@ from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
 from ...core.rounding import PRODUCT_ROUNDING, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError, require_integer
-from ...model.errors.columns import MANY_POSES
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.square_roots import cholesky_of, is_joint, whiten
 from ..graph.constraint import MIN_RESOLVED_SHARE
@@ -243,12 +242,12 @@ def require_dispensable(ok: NDArray[np.bool_]) -> None:
         )
 
 
-def influence_of(fit: Fit) -> Influence:
+def influence_of(fit: Fit, most_with_errors: int = 10_000) -> Influence:
     """Return the influence for `efficient` or `maximum_likelihood`, with the noise of the fit as the working model.
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them;
-    what a prior says of X and W is known beforehand. Beside `MANY_POSES` they are eliminated: a pose then counts by its
+    what a prior says of X and W is known beforehand. Of more poses than so many they are eliminated: one counts by its
     leverage on X and W, and draws leave the estimate of the shared errors as it is.
     On motions the clusters are motions, which must not share poses. Raises `InputError` for fewer than 7 clusters and
     for noise that is joint over the poses, which then are no independent clusters.
@@ -259,7 +258,7 @@ def influence_of(fit: Fit) -> Influence:
         covariance = fit.covariance
         if fit.prior is not None and covariance.ndim == 2:
             known = fit.prior.normal_equations(fit.X, fit.W)[0]
-    elif _declared(fit) and len(fit.residual) > MANY_POSES:
+    elif _declared(fit) and len(fit.residual) > most_with_errors:
         residual, J, known = of_unknowns_alone(fit)
         covariance = fit.covariance
     elif _declared(fit):
