@@ -67,7 +67,7 @@ from ...model.errors.joint_covariance import joint_of
 from ...model.errors.square_roots import cholesky_of, is_joint, whiten
 from ..graph.constraint import MIN_RESOLVED_SHARE
 from ..graph.gauss_helmert import Fit
-from ..graph.own_residuals import of_unknowns_alone, own_residuals
+from ..graph.own_residuals import own_residuals
 
 # The shares ``-B_k J_k`` of the poses in the estimate add up to 1; one with an eigenvalue below this is no weight.
 MIN_SHARE_OF_POSE = -0.05
@@ -247,10 +247,9 @@ def influence_of(fit: Fit, most_with_errors: int = 10_000) -> Influence:
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them;
-    what a prior says of X and W is known beforehand. Of more poses than so many they are eliminated: one counts by its
-    leverage on X and W, and draws leave the estimate of the shared errors as it is.
-    On motions the clusters are motions, which must not share poses. Raises `InputError` for fewer than 7 clusters and
-    for noise that is joint over the poses, which then are no independent clusters.
+    what a prior says of X and W is known beforehand. On motions the clusters are motions, which must not share poses.
+    Raises `InputError` for fewer than 7 clusters, for noise that is joint over the poses, which then are no independent
+    clusters, and beside declared errors for more poses than ``most_with_errors``: they are dense then.
     """
     known: Array | None = None
     if not is_joint(fit.S):
@@ -259,8 +258,10 @@ def influence_of(fit: Fit, most_with_errors: int = 10_000) -> Influence:
         if fit.prior is not None and covariance.ndim == 2:
             known = fit.prior.normal_equations(fit.X, fit.W)[0]
     elif _declared(fit) and len(fit.residual) > most_with_errors:
-        residual, J, known = of_unknowns_alone(fit)
-        covariance = fit.covariance
+        raise InputError(
+            f"Beside errors that all poses share, sandwich and bootstrap take at most {most_with_errors:,} poses, got "
+            f"{len(fit.residual):,}. Take covariance='model', or every tenth pose."
+        )
     elif _declared(fit):
         residual, J, covariance, known = own_residuals(fit)
     else:

@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...model.errors.columns import some_rows, times
 from ...model.errors.joint_covariance import joint_of
 from ...model.errors.keys import CAMERA_SCALE
-from ...model.errors.square_roots import cholesky_of, gram, whiten
+from ...model.errors.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import MIN_RESOLVED_SHARE
 from .gauss_helmert import Fit
@@ -67,21 +67,6 @@ def own_residuals(fit: Fit, rows: NDArray[np.intp] | None = None) -> OwnResidual
     if fit.prior is not None:
         known[:p, :p] = fit.prior.normal_equations(fit.X, fit.W)[0]
     return OwnResiduals(white[..., -1], white[..., :-1], M, known)
-
-
-def of_unknowns_alone(fit: Fit) -> tuple[Array, Array, Array]:
-    r"""e (n, 6), J (n, 6, p) and the information (p, p) beside the rows that leaves the unknown poses alone.
-
-    The estimate is ``x = -C J^T r - R F^T r`` with the covariance C and the response R of X and W to the shared errors:
-    that of rows ``J + F R^T C^-1`` and no shared errors, which many poses determine as well.
-    """
-    S = joint_of(fit.S)
-    assert S is not None
-    information = np.linalg.inv(fit.covariance)
-    J = fit.linear.J + times(S.columns, fit.told_of_shared.response.T @ information)
-    white = np.asarray(whiten(cholesky_of(S.own), J))
-    w = np.ones(len(J)) if fit.weights is None else fit.weights
-    return own_errors(fit), white, information - gram(np.sqrt(w)[:, None, None] * white)
 
 
 def walks(fit: Fit, poses: PosePairs) -> bool:
