@@ -125,7 +125,7 @@ def test_degrees_of_freedom_are_those_of_the_double_sum():
 def test_many_poses_beside_shared_errors_are_refused():
     found = uq.calibrate(uq.simulate(12, noise=NOISE, seed=1), noise=NOISE, shared=[uq.SharedError.target_scale(1e-3)])
     assert influence_of(found.analysis.fit, most_with_errors=12).sandwich().shape[-1] >= 12
-    with pytest.raises(uq.InputError, match="at most 11 poses, got 12.*covariance='model'"):
+    with pytest.raises(uq.InputError, match=r"at most 11 poses, got 12.*covariance='model'"):
         influence_of(found.analysis.fit, most_with_errors=11)
 
 
