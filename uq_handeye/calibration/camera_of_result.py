@@ -43,6 +43,8 @@ from .estimated import Estimated
 # Corners are linearised again where that moves the camera poses by more than this, in standard deviations of X: what
 # intrinsics do is common to all poses, and moves X by up to ten times as much.
 MAX_CORNER_MOVE_SD = 0.01
+# Corners know the rotation of their pose to some mrad: an estimate that turns it by more contradicts them.
+MAX_CORNER_TURN_RAD = 0.1
 
 
 def _moves(seen: Calibrated, noise: Noise | None, posterior: Posterior) -> tuple[Array, list[int]] | None:
@@ -113,7 +115,8 @@ def corners_at_estimate(result: Estimated) -> CameraCalibration | None:
         bundle = linearised(seen.bundle, seen.corners, parameters, poses)
     except np.linalg.LinAlgError:  # of files that do not belong together: the board lies behind the camera
         return None
-    if is_negligible(difference(bundle.poses, seen.poses), covariance, MAX_CORNER_MOVE_SD):
+    moves = difference(bundle.poses, seen.poses)
+    if np.abs(moves[..., :3]).max() > MAX_CORNER_TURN_RAD or is_negligible(moves, covariance, MAX_CORNER_MOVE_SD):
         return None
     return seen.with_bundle(bundle)
 
