@@ -39,7 +39,7 @@ from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
 from .moves import MOVED
 from .parts import Provenance
-from .rig_poses import MIN_NOISE_RATIO
+from .rig_poses import MIN_REFUTED_RATIO
 from .rig_result import RigCalibration
 
 # The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
@@ -315,7 +315,7 @@ def noise_of_views(rig: Rig, result: RigCalibration, **options: Any) -> list[Fin
     for name, (rotation, translation) in own.items():
         pairs = zip((rotation, translation), result.noise[name], strict=True)
         times = max((one / given for one, given in pairs if given > 0), default=None)
-        if times is None or times > MIN_NOISE_RATIO:
+        if times is None or times > MIN_REFUTED_RATIO:
             larger.append({"name": name, "rotation": rotation, "translation": translation, "times": times})
     if not larger:
         return []

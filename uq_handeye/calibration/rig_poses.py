@@ -44,7 +44,7 @@ from .stored_result import NOT_USABLE
 # exceeds this.
 MAX_CHI_SQUARE_RATIO = 10.0
 # Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
-MIN_NOISE_RATIO = 1.3
+MIN_REFUTED_RATIO = 1.3
 # The headline is a caution where a larger share of the views is rejected.
 MAX_REJECTED_VIEWS = 0.1
 
@@ -344,7 +344,7 @@ class RigPoses(Record):
     def noise_refuted(self) -> bool:
         """True if the residuals are larger than the noise explains, by more than chance."""
         ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
-        refuted = not self.components and ratio > MIN_NOISE_RATIO**2 and self.p_value < IMPOSSIBLE.probability
+        refuted = not self.components and ratio > MIN_REFUTED_RATIO**2 and self.p_value < IMPOSSIBLE.probability
         return refuted or ratio > MAX_CHI_SQUARE_RATIO
 
     @cached_property

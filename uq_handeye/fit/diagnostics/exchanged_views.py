@@ -15,9 +15,9 @@ from ...core.limits import MAJORITY, OUTLIER_MEDIANS
 from ...model.poses.residuals import rotation_angles
 
 # Distances (m) that rounding makes.
-LEAST = 1e-9
+MIN_DISTANCE = 1e-9
 # A relative pose is inverse where it is nearer to the inverse of the others than to the others by this factor.
-NEARER = 4.0
+MIN_NEARNESS_RATIO = 4.0
 
 
 def exchanged(D: Array, lever: float, most: int = 100) -> NDArray[np.bool_]:
@@ -36,9 +36,9 @@ def exchanged(D: Array, lever: float, most: int = 100) -> NDArray[np.bool_]:
     nearest = np.minimum(apart(some, some), apart(inverse(some), some))
     best = some[[int(np.argmin(np.median(nearest, axis=0)))]]
     same, other = apart(D, best)[:, 0], apart(inverse(D), best)[:, 0]
-    limit = max(OUTLIER_MEDIANS * float(np.median(np.minimum(same, other))), LEAST)
-    is_other = (NEARER * other < same) & (other <= limit)
-    is_same = (NEARER * same < other) & (same <= limit)
+    limit = max(OUTLIER_MEDIANS * float(np.median(np.minimum(same, other))), MIN_DISTANCE)
+    is_other = (MIN_NEARNESS_RATIO * other < same) & (other <= limit)
+    is_same = (MIN_NEARNESS_RATIO * same < other) & (same <= limit)
     decided = int((is_other | is_same).sum())
     if decided < MAJORITY * len(D):
         return np.zeros(len(D), dtype=bool)

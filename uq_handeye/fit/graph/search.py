@@ -25,7 +25,7 @@ from .reduced_rows import Reduced
 MAX_LINEARISATIONS, FULL_STEPS = 10, 3
 # The unknowns have converged where a step moves them by less, root mean square in their standard deviations; and by
 # less than the second where the rows were linearised as often as they may be.
-CONVERGED_STEP_SD, LAST_STEP_SD = 0.006, 0.03
+SETTLED_STEP_SD, LAST_STEP_SD = 0.006, 0.03
 # The rows are linear up to a step of the rotations whose square is below this share of the residuals of rotation.
 MAX_SHARE_OF_SECOND_ORDER = 0.01
 
@@ -117,7 +117,7 @@ def _converged(
         step, C = linear.reduced.unreduced(found.mean), found.covariance
         if not (np.isfinite(step).all() and np.isfinite(C).all()):
             break
-        enough = LAST_STEP_SD if done == MAX_LINEARISATIONS - 1 else CONVERGED_STEP_SD
+        enough = LAST_STEP_SD if done == MAX_LINEARISATIONS - 1 else SETTLED_STEP_SD
         as_linear = exactly <= gain and _second_order(step) < MAX_SHARE_OF_SECOND_ORDER * _turn(model)
         square = float(found.mean @ np.linalg.lstsq(C, found.mean, rcond=None)[0])
         if as_linear or (done and square < enough**2 * len(found.mean)):

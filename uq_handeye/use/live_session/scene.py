@@ -39,7 +39,7 @@ GOOD, LIMIT, WRONG, OUT, NEXT, OF_X, ARM = map(rgb, (BLUE, AMBER, "#D50032", "#9
 # Poses that are drawn and can be clicked; of more, this many that are spread evenly.
 MAX_DRAWN_POSES = 150
 # Points of a scene that are drawn.
-MAX_DRAWN_POINTS = 1500
+MAX_VIEWED_POINTS = 1500
 # Height of a camera that is drawn, and length of an enlarged ellipsoid, relative to the distance of the target.
 FRUSTUM = 0.075
 # Length of axes and thickness of lines, relative to the same.
@@ -92,7 +92,7 @@ def scene_of(poses: PosePairs | None) -> Array | None:
 def _points_of(known: str) -> Array:
     from ...scene.known import points_in_frame, unpacked
 
-    return points_in_frame(unpacked(known), MAX_DRAWN_POINTS)
+    return points_in_frame(unpacked(known), MAX_VIEWED_POINTS)
 
 
 def colours(answer: Answer) -> list[Colour]:
