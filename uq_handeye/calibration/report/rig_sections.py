@@ -6,6 +6,7 @@ Terminal, ``-v``, notebook, live panel, report and certificate select from this 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ...core.presentation.html import blocks_html, html_of, to_html
 from ...core.presentation.numbers import digits, probability
 from ...core.presentation.sections import Part, selected, text_of
 from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ...fit.graph.drifts import DRIFT_KINDS
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
 from ..rig_poses import RigPoses
@@ -162,16 +164,20 @@ def noise_table(result: RigPoses) -> list[Block]:
 def _sizes(result: RigPoses) -> list[Block]:
     if not result.components:
         return [Paragraph("Not estimated: the noise was given.", empty=True)]
-    parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
+    parts = [[part["name"], *(_sized(part[key], _unit(part)) for key in ("size", "low", "high"))]
              for part in result.components]  # fmt: skip
     caption = "Noise, and errors that all poses of their owner share, with 95 % intervals."
     return [Table(caption, ["error", "size", "from", "to"], parts)]
 
 
+def _unit(part: Mapping[str, Any]) -> str:
+    """Unit of a size; that of a drift is a step of rotation and of translation alike."""
+    return "mrad, mm" if part["key"]["kind"] in DRIFT_KINDS else str(part["unit"])
+
+
 def _sized(value: float, unit: str) -> str:
-    factor, shown = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}.get(
-        unit, (100.0, "%") if not unit else (1.0, unit)
-    )
+    of_unit = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg"), "": (100.0, "%"), "mrad, mm": (1e3, unit)}
+    factor, shown = of_unit.get(unit, (1.0, unit))
     return f"{digits(factor * value, 2)} {shown}"
 
 

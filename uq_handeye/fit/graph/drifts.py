@@ -58,7 +58,8 @@ def drifts_of(graph: Graph, times: Array, walked: Array, cameras: Rows, targets:
 def times_of(rig: Rig, graph: Graph) -> Array | None:
     """(E,) times of the views; None where their moments are numbers or names."""
     moments = [(rig.views[v].at or ())[k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]
-    return np.array(moments) if {*map(type, moments)} == {float} else None
+    timed = all(arm.timed for arm in rig.arms.values()) or {*map(type, moments)} == {float}
+    return np.array(moments, dtype=float) if timed else None
 
 
 def motion_in_session(found: RigFit) -> Array:

@@ -215,7 +215,7 @@ def _shared(
 ) -> ErrorTerm:
     """Component of an error that all poses of an owner share; ``arm``: whose poses have times."""
     error, poses = error.bound(_alone(bound, of[1], error.side)), _alone(graph, of[0], error.side)
-    if arm is not None and {*map(type, arm.names)} == {float}:
+    if arm is not None and (arm.timed or {*map(type, arm.names)} == {float}):
         poses = replace(poses, timestamps=np.array(arm.names, dtype=float)[graph.pose[of[0]]])
     return of_owner(error.term(poses), of[0], owner)
 

@@ -6,6 +6,8 @@
 ('joint offsets: elbow', 'principal point x')
 >>> text_of("robot", "accuracy", None, "left arm"), text_of("robot", "joint tilts", "elbow y", "left arm")
 ('left arm accuracy', 'left arm joint tilts: elbow y')
+>>> text_of("session", "drift of the camera", None, "left"), text_of("session", "drift of the camera", None, "")
+('left drift', 'drift of the camera')
 >>> text_of("robot and camera", "rotation", None, "")
 'rotation, robot and camera together'
 """
@@ -20,6 +22,8 @@ _OF_OWNER = frozenset(
      "beyond its features",
      "scale", "accuracy", "(rotation and translation)"}
 )  # fmt: skip
+# Kinds that name their owner, behind another name.
+_OF_NAME = dict.fromkeys(("drift of the camera", "drift of the target"), "drift")
 _TOGETHER = frozenset({"robot and camera", "A and B"})
 OWN = "own"
 
@@ -31,7 +35,7 @@ def text_of(owner: str, kind: str, index: int | str | None, name: str) -> str:
     elif owner in _TOGETHER:
         text = f"{kind}, {owner} together"
     elif name:
-        text = f"{name} {kind}"
+        text = f"{name} {_OF_NAME.get(kind, kind)}"
     else:
         text = f"{owner} {kind}" if kind in _OF_OWNER else f"{kind}"
     if index is None:
