@@ -73,7 +73,10 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
 
 
 def _parts(fit: Fit, w: Array) -> list[float]:
-    """sigma_0 of rotation and of translation; residuals independent from pose to pose."""
+    """sigma_0 of rotation and of translation, 0 where the fit leaves none of their residuals free.
+
+    Residuals are independent from pose to pose.
+    """
     S, J, e = marginals(fit.S), fit.linear.J, fit.residual
     parts = []
     for part in (slice(3), slice(3, 6)):
@@ -81,7 +84,7 @@ def _parts(fit: Fit, w: Array) -> list[float]:
         left = S[:, part, part] - J[:, part] @ fit.covariance @ J[:, part].mT
         expected = float((w * (inverse * left).sum(axis=(-2, -1))).sum())
         found = float((w * (e[:, None, part] @ inverse @ e[:, part, None])[:, 0, 0]).sum())
-        parts.append(float(np.sqrt(found / expected)))
+        parts.append(float(np.sqrt(found / expected)) if expected > 0 else 0.0)
     return parts
 
 
