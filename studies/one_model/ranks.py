@@ -78,15 +78,10 @@ class Ranked(NamedTuple):
     is_wrong: bool = False
 
 
-def model_of(poses: uq.PosePairs) -> tuple[JointModel, dict[str, float]]:
-    """Return the model that `calibrate` gives these poses, and the units of its sizes by component.
-
-    Sizes of shared errors are told as the standard deviation of their first number.
-    """
+def model_of(poses: uq.PosePairs) -> JointModel:
+    """Return the model that `calibrate` gives these poses."""
     job = job_of(Request(), poses)
-    source = joint_model_of(job, job.constraint)
-    unit = {error.name: float(error.sd[0]) for error in source.errors}
-    return source, {part.name: unit.get(part.name, 1.0) for part in source.components}
+    return joint_model_of(job, job.constraint)
 
 
 def drawn(cell: Cell, rng: np.random.Generator) -> tuple[uq.PosePairs, Array, dict[str, float], float]:
@@ -95,11 +90,11 @@ def drawn(cell: Cell, rng: np.random.Generator) -> tuple[uq.PosePairs, Array, di
     exact = uq.PosePairs(truth.robot, truth.camera, cell.setup, timestamps=np.arange(cell.n, dtype=float))
     xi = {side: np.zeros((cell.n, 6)) for side in ("robot", "camera")}
     sizes, scale = {}, 0.0
-    source, unit = model_of(exact)
+    source = model_of(exact)
     for part in source.components:
         log = np.log(part.size.median) + (0.0 if cell.told else np.log(part.size.factor)) * rng.standard_normal()
         size = float(np.exp(log))
-        sizes[part.name] = size * unit[part.name]
+        sizes[part.name] = size
         if part.columns is not None:
             z = rng.standard_normal(part.count)
             xi[part.side] += size * times(part.columns, z)
@@ -129,7 +124,7 @@ def ranked(cell: Cell, seed: int, number: int) -> Ranked:
             found[part.name] = float(ndtr(np.log(sizes[part.name] / part.size) / spread))
     if cell.told is not None:
         return Ranked(found)
-    source, _ = model_of(poses)
+    source = model_of(poses)
     at = source.constraint.complete(np.asarray(result.X))
     return Ranked(found, source.find(at).probability_of(TARGET_SCALE, WRONG_SIZE), abs(scale) > WRONG_SIZE)
 
