@@ -1,9 +1,8 @@
 """The function `calibrate`: X with its uncertainty from poses or motions, with or without their noise.
 
-The default method is maximum likelihood (`likelihood`), started from 4DPA, whose own X and covariance stay in the
+The default method is maximum likelihood (`gauss_helmert`), started from 4DPA, whose own X and covariance stay in the
 result; the alternative is a published method (`published_fit`). Where no noise is given it is estimated from the data
-(`one_model`). Outliers are down-weighted (`robust`). Suspicious input is reported as findings (`input_checks`,
-`diagnostics`, `split_half`).
+(`estimation`). Outliers are down-weighted (`robust`). Suspicious input is reported as findings (`fit.diagnostics`).
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ def calibrate(
         Input that cannot be used.
     DegenerateMotionError
         The motions determine nothing of X; or, with a published method, not all of it: their rotations do not exceed
-        their noise (`require_signal` in `diagnostics.checks`), or leave its rotation uncertain by more than 20
+        their noise (`diagnostics.rotations.require_signal`), or leave its rotation uncertain by more than 20
         degrees, where a first-order covariance is meaningless: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.

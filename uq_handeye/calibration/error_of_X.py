@@ -17,6 +17,7 @@ from ..core.geometry.se3 import Array
 from ..core.quantiles import POINTS, holding, normal_points, radius_holding, uniform_points
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
+from ..model.errors.cholesky import symmetric_factor
 
 
 def points_of(S: Array, reference: Reference, posterior: Posterior | None) -> Array:
@@ -31,8 +32,8 @@ def points_of(S: Array, reference: Reference, posterior: Posterior | None) -> Ar
     if posterior is not None and posterior.points is not None:
         weights, means, covariances = posterior.mixture_of("X")
         of = np.searchsorted(np.cumsum(weights)[:-1], u)
-        return np.asarray(means[of] + np.einsum("nij,nj->ni", _root(covariances)[of], z))
-    xi = z @ _root(S).T
+        return np.asarray(means[of] + np.einsum("nij,nj->ni", symmetric_factor(covariances)[of], z))
+    xi = z @ symmetric_factor(S).T
     if reference.dof is not None:
         from scipy.special import chdtri
 
@@ -40,11 +41,6 @@ def points_of(S: Array, reference: Reference, posterior: Posterior | None) -> Ar
         scale = reference.dof - 2 if reference.kind == "t" else reference.dof
         xi = xi * np.sqrt(scale / np.maximum(chdtri(nu, u), 1e-300))[:, None]
     return np.asarray(xi)
-
-
-def _root(S: Array) -> Array:
-    values, vectors = np.linalg.eigh(S)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def moved(xi: Array, arm: Array) -> Array:

@@ -1,6 +1,6 @@
 """4DPA over all pairs of n poses in O(n): X and its pose-aware covariance without forming a single pair.
 
-Model and conventions as in `procrustes` and `propagation`. With ``P = G`` (robot) or ``P = inv(C)`` (camera), both
+Model and conventions as in `limit` and `propagate`. With ``P = G`` (robot) or ``P = inv(C)`` (camera), both
 motions of a pair are ``inv(P_j) P_i``, and the two vectors that the limit T2 needs of each,
 
     2 u = vee(R_j^T R_i),    2 w = R_j^T t_i - R_i^T t_j + s_i - s_j,    s = R^T t,

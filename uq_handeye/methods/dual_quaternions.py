@@ -2,7 +2,7 @@
 
 `daniilidis`, `lu`, `heller`, `zhang` and `zhao` write ``q_A q_X = q_X q_B`` in unit dual quaternions ``q + eps q'``;
 `condurache` fits dual rotation vectors, and 4DPA (Wu, Sun, Wang and Liu 2019) in the limit of its scaling factor the
-vectors ``sin(angle) axis`` (`procrustes`).
+vectors ``sin(angle) axis`` (`limit`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .separated import require_two_axes
 
 
 def _limit(A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-    """Wu, Sun, Wang and Liu (2019): 4D Procrustes analysis, in the limit of its scaling factor (`procrustes`)."""
+    """Wu, Sun, Wang and Liu (2019): 4D Procrustes analysis, in the limit of its scaling factor (`limit`)."""
     return closed_form(solve_limit(A, B))
 
 

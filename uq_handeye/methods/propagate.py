@@ -3,7 +3,7 @@
 Model: the data carry Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and m);
 X carries ``xi_X`` in the same convention, in the frame of ``A`` (gripper for eye-in-hand). To first order
 ``xi_X = sum_i D_i xi_i`` with ``D_i = dX / d(data of pair i)``, in closed form for 4DPA (`sensitivity`) and by the
-delta method for the other estimators (T7, `estimators`), so that for independent pairs
+delta method for the other estimators (T7, `registry`), so that for independent pairs
 
     Sigma_X = sum_i D_i Sigma_i D_i^T                                                           (T3)
 

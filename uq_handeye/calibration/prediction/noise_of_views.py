@@ -13,6 +13,7 @@ from ...fit.graph.noise import RigNoise, given_covariances, given_key
 from ...fit.graph.posterior import Posterior
 from ...fit.graph.request import Request
 from ...fit.graph.sizes import WIDTH, components_of
+from ...model.errors.cholesky import symmetric_factor
 from ...model.errors.key import ErrorKey, Owner
 from ...model.errors.keys import CLOCK_OFFSET, ROBOT_ACCURACY
 from ...model.errors.sizes import Size
@@ -89,7 +90,6 @@ def _with_unseen(
     T, T_old = graph.robot[of], before[1].robot[old]
     unseen = error.bound(PosePairs(T_old, T_old)).unseen
     assert unseen is not None
-    values, vectors = np.linalg.eigh(unseen(PosePairs(T, T), measured))
     block = np.zeros((graph.P, 6, 6))
-    block[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    block[of] = symmetric_factor(unseen(PosePairs(T, T), measured))
     return replace(part, block=block)

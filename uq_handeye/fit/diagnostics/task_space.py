@@ -13,7 +13,8 @@ a pose T with ``q = T p`` adds ``J xi`` with ``J = [-[R p]x, I]`` and rotates th
 *Budget.* Any estimate that is smooth in the data has the error ``xi = sum_k D_k xi_k`` over the poses k of robot and
 camera, so that ``Sigma = sum over sources of D Sigma_source D^T``. Sources are the rotation and the translation of
 each side; the contribution of the covariances between rotation and translation of one side is its coupling (negative,
-if it compensates). For `Fit`, ``D = -C J^T S^-1 D_side`` (`constraint`, `likelihood`). Shares of one variance sum to 1.
+if it compensates). For `Fit`, ``D = -C J^T S^-1 D_side`` (`constraint`, `gauss_helmert`). Shares of one variance sum to
+1.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ from .engine import LatentModel
 from .integration import Mixture, integrate
 from .mode import GAIN, ROUGH_GAIN, Mode, find_mode
 from .reduced_rows import Reduced, reduce_rows
-from .search import Linear, Problem, search
+from .search import Linear, search
 
 KINDS = (Kind.ROTATION, Kind.TRANSLATION)
 # At most this many poses, evenly spread over the rows, are used to estimate the sizes; and as long as unknowns and
@@ -249,7 +249,7 @@ class JointModel:
         if exact.any():
             return FoundSizes(self, *first, find_mode(first.model), at, kept, kept[used], exact)
         self._require_freedom(part, first.model.p)
-        found = search(Problem(linear_at, Unknowns.moved), at, start, gain, known, first)
+        found = search(linear_at, Unknowns.moved, at, start, gain, known, first)
         return FoundSizes(self, *found.linear, found.mode, found.at, kept, kept[used], exact, found.others)
 
     def _require_freedom(self, constraint: Constraint, p: int) -> None:

@@ -7,7 +7,7 @@ With residuals e after the fit, their covariance S from the noise and p unknowns
 Unknowns along open directions take no degree of freedom. A prior of X or W counts as further measurements:
 ``xi^T Lambda xi`` is part of chi2, the rank of Lambda of dof.
 
-With noise that was estimated from the same residuals (`one_model`) sigma_0 is 1 by construction: the test then has
+With noise that was estimated from the same residuals (`estimation`) sigma_0 is 1 by construction: the test then has
 no power, and that of rotation or translation only has little.
 
 For rotation or translation only sigma_0^2 is ``sum e_i^T S_i^-1 e_i`` over that part, divided by its expectation
@@ -107,7 +107,7 @@ def _parts_of_joint(fit: Fit, w: Array) -> list[float]:
 
 
 def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
-    """nu of the multivariate t that X follows where the sizes of its errors are open (`one_model`); else infinite."""
+    """nu of the multivariate t that X follows where the sizes of its errors are open (`estimation`); else infinite."""
     _require_one(fit)
     return float("inf") if estimate.shape is None else estimate.shape
 

@@ -21,8 +21,8 @@ class Reference(Record):
 
     - ``chi-square``: the covariance is that of known noise.
     - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
-    - ``t``: it is that of a mixture over the sizes of the errors (`one_model`), a multivariate t with this covariance:
-      ``d^2 dof / (6 (dof - 2)) ~ F(6, dof)``, dof above 2.
+    - ``t``: it is that of a mixture over the sizes of the errors (`integration`), a multivariate t with this
+      covariance: ``d^2 dof / (6 (dof - 2)) ~ F(6, dof)``, dof above 2.
     - ``Hotelling``: it comes from the residuals of few poses, ``d^2 (dof - 5) / (6 dof) ~ F(6, dof - 5)`` (`sandwich`).
     """
 

@@ -29,7 +29,7 @@ from ...model.shared_errors.assumed import replace_defaults
 from ...model.shared_errors.shared_error import WIDE_SCALE_SD, SharedError, listed_errors
 from .gauss_helmert import ESTIMATORS
 
-# Covariances from the residuals (`empirical_covariance`).
+# Covariances from the residuals (`diagnostics.sandwich`).
 OF_RESIDUALS = ("sandwich", "bootstrap")
 # Covariances of the result: of the noise, and of the residuals.
 COVARIANCES = ("model", *OF_RESIDUALS)
@@ -67,7 +67,7 @@ class Request:
         How noise is propagated through a published method (`propagate`).
     covariance : "model", "sandwich" or "bootstrap"
         ``model``: that of the noise, to first order (`monte_carlo` tests it, and samples it beyond first order); the
-        others come from the residuals of the poses and need no noise model (`empirical_covariance`).
+        others come from the residuals of the poses and need no noise model (`diagnostics.sandwich`).
     robust : bool or None
         Down-weight outliers and name them (`robust`), with ``efficient`` and ``ml``. None does so from 5
         poses (or motions) on. Without outliers the estimate is the same as with False: all poses count in full.

@@ -1,8 +1,8 @@
 r"""Robust estimates of X and W: a consensus start, redescending weights, and a flag for every pose.
 
-Model: most poses (or motions) obey ``G X C = W`` (``A X = X B``) with the Gaussian noise of `likelihood`; the others,
-at most 40 % (or half, where the good half stands out in `consensus`), hold anything. Frames, units and residuals are
-those of `constraint` (rad, m).
+Model: most poses (or motions) obey ``G X C = W`` (``A X = X B``) with the Gaussian noise of `gauss_helmert`; the
+others, at most 40 % (or half, where the good half stands out in `consensus`), hold anything. Frames, units and
+residuals are those of `constraint` (rad, m).
 
 *Distance* of a pose from its prediction by the others. With the residual e of pose i after the fit, whitened
 by its own covariance ``S_i = L L^T``, its hat block ``H = L^-1 J P J^T L^-T`` (P the covariance of the unknowns) and

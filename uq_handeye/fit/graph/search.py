@@ -49,15 +49,9 @@ class Searched(Generic[At]):
     others: tuple[Mode, ...] = ()  # modes where an error of one number is in its tail, or out of it (`other_modes`)
 
 
-class Problem(NamedTuple, Generic[At]):
-    """The two ways of a search: rows at given unknowns, and unknowns moved by a step of all of them."""
-
-    linear_at: Callable[[At], Linear]
-    moved: Callable[[At, Array], At]
-
-
 def search(
-    problem: Problem[At],
+    linear_at: Callable[[At], Linear],
+    moved: Callable[[At, Array], At],
     at: At,
     theta: Array | None = None,
     gain: float = GAIN,
@@ -68,6 +62,8 @@ def search(
 
     Parameters
     ----------
+    linear_at, moved : functions
+        Rows at given unknowns; unknowns moved by a step of all of them.
     theta : (k,)
         Logarithms of sizes near those that are sought; None: the medians.
     gain : float
@@ -82,11 +78,11 @@ def search(
     NotConvergedError
         Unknowns or sizes that do not converge.
     """
-    first = problem.linear_at(at) if first is None else first
+    first = linear_at(at) if first is None else first
     try:
-        found = _converged(problem, at, theta, gain, first)
+        found = _converged(linear_at, moved, at, theta, gain, first)
     except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
-        found = _converged(problem, at, None, gain, first, NEAR_SD)
+        found = _converged(linear_at, moved, at, None, gain, first, NEAR_SD)
     if gain > GAIN:
         return found
     model = found.linear.model
@@ -95,8 +91,8 @@ def search(
     if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
         step = found.linear.reduced.unreduced(model.of_poses(best.theta).mean)
         try:
-            there = problem.moved(found.at, step)
-            found = _converged(problem, there, best.theta, gain, problem.linear_at(there))
+            there = moved(found.at, step)
+            found = _converged(linear_at, moved, there, best.theta, gain, linear_at(there))
             others = other_modes(found.linear.model, found.mode)
         except NotConvergedError:
             others = [other for other in others if other.log_evidence < found.mode.log_evidence]
@@ -104,7 +100,13 @@ def search(
 
 
 def _converged(
-    problem: Problem[At], at: At, theta: Array | None, gain: float, linear: Linear, reach: float = REACH_SD
+    linear_at: Callable[[At], Linear],
+    moved: Callable[[At, Array], At],
+    at: At,
+    theta: Array | None,
+    gain: float,
+    linear: Linear,
+    reach: float = REACH_SD,
 ) -> Searched[At]:
     """Find sizes and unknowns in turns from ``at``, where the rows are ``linear``, until the unknowns do not move."""
     for done in range(MAX_LINEARISATIONS):
@@ -122,8 +124,8 @@ def _converged(
         square = float(found.mean @ np.linalg.lstsq(C, found.mean, rcond=None)[0])
         if as_linear or (done and square < enough**2 * len(found.mean)):
             return Searched(linear, mode, at)
-        at = problem.moved(at, step if done < FULL_STEPS else 0.5 * step)
-        linear = problem.linear_at(at)
+        at = moved(at, step if done < FULL_STEPS else 0.5 * step)
+        linear = linear_at(at)
     turn, shift = _turn(linear.model), float(np.sqrt(np.mean(linear.model.r.reshape(-1, 2, 3)[:, 1] ** 2)))
     raise NotConvergedError(
         f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "

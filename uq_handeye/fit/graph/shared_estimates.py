@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 
 from ...core.geometry.se3 import Array, perturb
 from ...core.rounding import CHAIN_ROUNDING, EPS
+from ...model.errors.cholesky import symmetric_factor
 from ...model.errors.columns import parts_of, some_rows, times
 from ...model.errors.error_estimate import ErrorEstimate
 from ...model.errors.joint_covariance import joint_of
@@ -99,8 +100,7 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
                 f = fit.linear.sides[1][rows] @ some_rows(S.some(of), rows)
                 xi = np.linalg.solve(fit.linear.J[rows, :, place], f)
                 found[place, place] += (xi @ (np.outer(z, z) + left) @ xi.mT).sum(axis=0) / S.n
-    values, vectors = np.linalg.eigh(found)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))) if found.any() else None
+    return symmetric_factor(found) if found.any() else None
 
 
 def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:

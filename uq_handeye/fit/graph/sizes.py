@@ -1,4 +1,4 @@
-r"""Noise of a rig, estimated from its own views: components with owners, whose sizes are found jointly (`one_model`).
+r"""Noise of a rig, estimated from its own views: components with owners, whose sizes are found jointly (`search`).
 
 An arm owns rotation and translation noise of its poses, and its accuracy; a camera rotation and translation noise,
 noise that depends on the view and of the depth, focal length and image centre; a target its scale. The column of an
@@ -51,7 +51,7 @@ from .mode import GAIN, ROUGH_GAIN, find_mode
 from .noise import RigNoise, calibrated_intrinsics, given_covariances, kinematic_components, of_owner, scene_components
 from .reduced_rows import Reduced
 from .request import Request
-from .search import Linear, Problem, search
+from .search import Linear, search
 
 # Cameras differ from their common median by this factor (1 sigma of the logarithm).
 CAMERA_SPREAD_FACTOR = 2.0
@@ -315,7 +315,7 @@ def find_sizes(
     def moved(at: Array, step: Array) -> Array:
         return np.asarray(perturb(at, step.reshape(-1, 6)))
 
-    found = search(Problem(linear_at, moved), at, theta, GAIN if whole else ROUGH_GAIN)
+    found = search(linear_at, moved, at, theta, GAIN if whole else ROUGH_GAIN)
     model, theta = found.linear.model, found.mode.theta
     if not whole:
         one = model.of_poses(theta)

@@ -21,9 +21,9 @@ t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The colum
 and by `calibrate` once more as the fit corrects them.
 
 A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
-then estimated jointly, and integrated over (`one_model`). The tail of such a size covers mistakes: a square agrees with
-its drawing to 0.03 %, or it was measured wrongly.
-The errors of an arm's kinematics are one `SharedError` for each group of them.
+then estimated jointly, and integrated over (`fit.graph.integration`). The tail of such a size covers mistakes: a square
+agrees with its drawing to 0.03 %, or it was measured wrongly. The errors of an arm's kinematics are one `SharedError`
+for each group of them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Trials of 4DPA in its limit on motions with independent noise, nearly as fast as the random numbers are drawn.
 
 Model: true motions ``A_i X = X B_i``; measured ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with
-``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`procrustes`) needs
-of each motion only u and w, from its quaternion and translation. The moments ``H = sum u v^T`` and
+``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`methods.limit`)
+needs of each motion only u and w, from its quaternion and translation. The moments ``H = sum u v^T`` and
 ``K = sum (u z^T + w v^T)`` over the motions give X; B is rotated by the true R_X, so that the rotation nearest to H is
 the rotation error ``exp([theta_X]x)`` itself. Arrays are (component, pairs, trials): whole rows of equal components,
 trials last, which NumPy handles fastest; arrays that are constant over pairs or over trials are broadcast, and a block

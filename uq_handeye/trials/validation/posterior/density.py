@@ -1,9 +1,9 @@
 r"""The density that `sample_posterior` samples: the likelihood of T5 as a function of X, with a flat prior on X.
 
-Model (`constraint`, `likelihood`): measured poses or motions are true ones with Gaussian errors ``xi = (theta, tau)``,
-and the true ones satisfy ``G X C = W`` or ``A X = X B``. X is ``exp([theta]x) R_hat, t_hat + tau`` about the maximum of
-the likelihood (R_hat, t_hat); the prior is flat in ``(theta, tau)``. The latent true poses (motions) are integrated out
-to first order in their errors, which leaves
+Model (`constraint`, `gauss_helmert`): measured poses or motions are true ones with Gaussian errors ``xi = (theta,
+tau)``, and the true ones satisfy ``G X C = W`` or ``A X = X B``. X is ``exp([theta]x) R_hat, t_hat + tau`` about the
+maximum of the likelihood (R_hat, t_hat); the prior is flat in ``(theta, tau)``. The latent true poses (motions) are
+integrated out to first order in their errors, which leaves
 
     -2 log p(X, W) = sum_i rho_i^T S_i^-1 rho_i,   rho_i = r_i(X, W; corrected) + D_i v_i                (T5)
 
