@@ -223,7 +223,9 @@ def _lines(block: Block, width: int, style: Style) -> list[str]:
 
 def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> list[str]:
     hang = indent if hang is None else hang
-    return textwrap.wrap(text, width, initial_indent=indent, subsequent_indent=hang, break_on_hyphens=False)
+    return textwrap.wrap(
+        text, width, initial_indent=indent, subsequent_indent=hang, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _check_lines(checks: Checks, width: int, style: Style) -> list[str]:
