@@ -85,7 +85,7 @@ def main() -> None:
             ["calibrate", "robot.csv", "camera.csv"],
             ["calibrate", "robot.csv", *two],
             ["check", "one/result.json", "new_robot.csv", "new_camera.csv"],
-            ["check", "two/rig.json", "new_robot.csv", *new_two],
+            ["check", "two/result.json", "new_robot.csv", *new_two],
         ):
             print(f"| `{' '.join(arguments)}` | {' | '.join(_counts(arguments, folder))} |", flush=True)
 

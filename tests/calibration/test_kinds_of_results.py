@@ -47,7 +47,6 @@ SHARED = [
     "item",
     "digest",
     "identity",
-    "file_name",
     "summary",
     "report",
     "export",

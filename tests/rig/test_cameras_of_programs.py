@@ -26,7 +26,7 @@ def rig(tmp_path_factory):
     places = {"left": "arm", "right": "arm"}
     described, truth = simulate_rig(places, {"board": "world"}, n_poses=20, noise=noise, seed=SEED)
     result = calibrate_rig(described, noise)
-    path = tmp_path_factory.mktemp("cameras") / "rig.json"
+    path = tmp_path_factory.mktemp("cameras") / "result.json"
     result.save(path)
     return path, result, {name: inverse(truth[name]) @ truth["left"] for name in places}
 

@@ -104,8 +104,8 @@ def test_declared_errors_count_beside_given_noise_and_in_an_update(tmp_path):
     found = calibrate_rig(rig, NOISE, shared=[uq.SharedError.robot_scale("1%")])
     assert (np.diag(found.covariance) >= np.diag(first.covariance) * (1 - 1e-9)).all()
     assert np.diag(found.covariance)[3:6].sum() > 1.01 * np.diag(first.covariance)[3:6].sum()
-    found.save(tmp_path / "rig.json")
-    again = uq.load(tmp_path / "rig.json")
+    found.save(tmp_path / "result.json")
+    again = uq.load(tmp_path / "result.json")
     new = with_noise(exact, NOISE, 5)
     later = {name: uq.ArmPoses(arm.poses, tuple(range(100, 115))) for name, arm in new.arms.items()}
     views = [uq.View(view.camera, view.target, view.poses, tuple(range(100, 115))) for view in new.views]
@@ -193,8 +193,10 @@ def test_an_arm_of_a_rig_by_its_joints_on_the_command_line(tmp_path):
     for args in (["--joints", "joints.csv", "-o", "out"], ["robot.csv", "--kinematics", "declared"]):
         found = run("calibrate", *args, *cameras, cwd=tmp_path)
         assert found.returncode == 0, found.stderr
-    result = uq.load(tmp_path / "out" / "rig.json")
+    result = uq.load(tmp_path / "out" / "result.json")
     assert (np.abs(difference(result.cameras["left"].pose, X)) < 5 * result.cameras["left"].std).all()
     assert result.rig.arms["arm"].kinematics is not None
-    found = run("predict", "out/rig.json", "--of", "left", "--point", "0,0,0.3", "--joints", "joints.csv", cwd=tmp_path)
+    found = run(
+        "predict", "out/result.json", "--of", "left", "--point", "0,0,0.3", "--joints", "joints.csv", cwd=tmp_path
+    )
     assert found.returncode == 0, found.stderr

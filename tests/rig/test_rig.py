@@ -409,8 +409,8 @@ def test_a_calibrated_camera_has_no_intrinsics_of_the_table_beside_its_own(tmp_p
     names = [part.name for part in components_of(rig, Graph.of(rig), shared=True)]
     assert "c1 intrinsics" in names and "c1 focal length" not in names and "c2 focal length" in names
     found = calibrate_rig(rig, {"arm": SIZE, "c2": SIZE})
-    found.save(tmp_path / "rig.json")
-    stored = uq.load(tmp_path / "rig.json").rig.views[0]
+    found.save(tmp_path / "result.json")
+    stored = uq.load(tmp_path / "result.json").rig.views[0]
     np.testing.assert_array_equal(stored.intrinsics, rig.views[0].intrinsics)
     with pytest.raises(uq.InputError, match=r"intrinsics .* \(m, 6, q\)"):
         uq.View("c", "t", POSES, None, np.eye(6), "", np.zeros((3, 6, 2)))

@@ -69,7 +69,7 @@ def test_rows_match_by_time_whatever_their_order(folder, capsys):
         main(["calibrate", str(path / "rig.toml"), "-o", str(path / "out")])
     assert ended.value.code == 0
     assert "world_T_front" in capsys.readouterr().out
-    stored = json.loads((path / "out" / "rig.json").read_text())
+    stored = json.loads((path / "out" / "result.json").read_text())
     np.testing.assert_allclose(stored["cameras"]["left"]["pose"], result.cameras["left"].X, atol=1e-12)
 
 
@@ -289,11 +289,11 @@ def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
     known = uq.PosePrior.of((truth["board"], np.diag([1e-4] * 3 + [np.inf] * 3)))
     rig = uq.Rig(rig.arms, rig.cameras, rig.targets, rig.views, {"board": known})
     result = calibrate_rig(rig, sizes if noise == "given" else None)
-    result.save(tmp_path / "rig.json")
-    again = uq.load(tmp_path / "rig.json")
+    result.save(tmp_path / "result.json")
+    again = uq.load(tmp_path / "result.json")
     assert_same(result, again)
     again.save(tmp_path / "again.json")
-    assert (tmp_path / "rig.json").read_bytes() == (tmp_path / "again.json").read_bytes()
+    assert (tmp_path / "result.json").read_bytes() == (tmp_path / "again.json").read_bytes()
     assert isinstance(again, uq.RigCalibration) and again.text() == result.text()
 
 
@@ -313,12 +313,12 @@ def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
 )
 def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, message):
     path = two_on_the_hand
-    calibrate_rig(*uq.read_rig(path / "rig.toml")).save(path / "rig.json")
-    data = json.loads((path / "rig.json").read_text())
+    calibrate_rig(*uq.read_rig(path / "rig.toml")).save(path / "result.json")
+    data = json.loads((path / "result.json").read_text())
     damage(data)
-    (path / "rig.json").write_text(json.dumps(data))
+    (path / "result.json").write_text(json.dumps(data))
     with pytest.raises(uq.InputError, match=message) as caught:
-        uq.load(path / "rig.json")
+        uq.load(path / "result.json")
     assert "\n" not in str(caught.value)
 
 
@@ -329,10 +329,10 @@ def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, messag
 def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
-    result = uq.load(path / "out" / "rig.json")
+    result = uq.load(path / "out" / "result.json")
     for name in ("x.yaml", "cv.yaml", "rig.launch.py", "rig.urdf", "poses.toml", "poses.npz", "again.json"):
         more = ["--format", "opencv"] if name == "cv.yaml" else []
-        assert run("export", path / "out" / "rig.json", path / name, *more) == 0
+        assert run("export", path / "out" / "result.json", path / name, *more) == 0
     frames = ["gripper_T_left", "gripper_T_right", "world_T_target", "left_T_right"]
     poses = dict(zip(frames, (*result.cameras.values(), *result.targets.values(), *result.pairs), strict=True))
     ros = yaml.safe_load((path / "x.yaml").read_text())
@@ -358,7 +358,7 @@ def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
     np.testing.assert_allclose(xyz, poses["gripper_T_left"].pose[:3, 3], rtol=1e-15)
     assert uq.load(path / "again.json").text() == result.text()
     capsys.readouterr()
-    assert run("export", path / "out" / "rig.json", path / "x.dat", "--format", "kuka") == 2
+    assert run("export", path / "out" / "result.json", path / "x.dat", "--format", "kuka") == 2
     assert "toml" in capsys.readouterr().err
 
 
@@ -372,14 +372,14 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
     code = run("calibrate", path / "rig.toml", "-o", path / "out", *more)
     assert code == 0 and "Wrote" in capsys.readouterr().out
     exports = {"x_ros.yaml", "x.urdf", "x_opencv.yaml", "x.npz"}
-    assert {one.name for one in (path / "out").iterdir()} == {"rig.json", "rig.txt", "report.html"} | exports
+    assert {one.name for one in (path / "out").iterdir()} == {"result.json", "rig.txt", "report.html"} | exports
     page = (path / "r.html").read_text()
     for text in ("Both cameras", "left_T_right", "gripper_T_left", "Cell 4", "left: PASS", "Paths that should agree",
                  '<ellipse class="ring"', "left sees target 15 times", "Residuals: chi-square"):  # fmt: skip
         assert text in page, text
     ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + 6])
-    assert run("report", path / "out" / "rig.json", path / "again.html") == 0
-    assert run("report", path / "out" / "rig.json") == 0
+    assert run("report", path / "out" / "result.json", path / "again.html") == 0
+    assert run("report", path / "out" / "result.json") == 0
     assert "gripper_T_left" in capsys.readouterr().out
     assert 'id="pairs"' in (path / "again.html").read_text()
     assert run("calibrate", path / "rig.toml", "--report", path / "r.txt") == 2
@@ -427,7 +427,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     for when in ("old", "new"):
         (path / f"{when}.toml").write_text(text.replace('.csv"', f'_{when}.csv"'))
     assert run("calibrate", path / "old.toml", "-o", path / "out") == 0
-    stored = path / "out" / "rig.json"
+    stored = path / "out" / "result.json"
     capsys.readouterr()
     assert run("check", stored, path / "new.toml", "-o", path / "check") == 0
     by_file = json.loads((path / "check" / "check.json").read_text())
@@ -454,7 +454,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     assert run("update", stored, path / "new.toml", "-o", path / "new", "--report", path / "new.html") == 0
     rig, noise = uq.read_rig(path / "rig.toml")
     capsys.readouterr()
-    np.testing.assert_allclose(uq.load(path / "new" / "rig.json").poses, calibrate_rig(rig, noise).poses, atol=1e-9)
+    np.testing.assert_allclose(uq.load(path / "new" / "result.json").poses, calibrate_rig(rig, noise).poses, atol=1e-9)
     for wrong, said in (
         (("check", stored, path / "robot.csv"), "come as a rig file"),
         (("check", stored, path / "robot.csv", path / "left.csv"), "CAMERA: not for the result of a rig"),
@@ -476,7 +476,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
 def test_a_certificate_states_every_pose_of_a_rig(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
-    stored = path / "out" / "rig.json"
+    stored = path / "out" / "result.json"
     result = uq.load(stored)
     found = uq.make_certificate(result, tolerance="1mm,0.1deg", about={"cell": "7"}, issued="today")
     data = found.to_dict()

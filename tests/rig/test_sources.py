@@ -78,8 +78,8 @@ def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
         assert any(key.kind == Kind.OFFSETS and key.name == "arm" for key in result.posterior.keys)
         squares.append(square(result.relative("left", "right"), np.linalg.inv(truth["left"]) @ truth["right"]) / 6)
     assert 0.5 < np.mean(squares) < 1.6  # chi-square of 48 numbers; X itself is stated in the frames of the workspace
-    result.save(tmp_path / "rig.json")
-    again = uq.load(tmp_path / "rig.json")
+    result.save(tmp_path / "result.json")
+    again = uq.load(tmp_path / "result.json")
     np.testing.assert_array_equal(again.rig.arms["arm"].joints, result.rig.arms["arm"].joints)
     assert again.to_dict() == result.to_dict()
     # new poses without joints get those of the arm

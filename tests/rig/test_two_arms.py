@@ -64,8 +64,8 @@ def test_a_point_is_carried_from_one_arm_to_the_other_as_accurately_as_stated():
 def test_the_result_is_stored_checked_updated_and_planned(tmp_path):
     part, _, _ = drawn(0, 40)
     result = uq.calibrate(part(slice(0, 30)))
-    result.save(tmp_path / "rig.json")
-    again = uq.load(tmp_path / "rig.json")
+    result.save(tmp_path / "result.json")
+    again = uq.load(tmp_path / "result.json")
     assert again.to_dict() == result.to_dict()
     assert not uq.check(again, part(slice(30, 40))).changed
     updated = uq.update(again, part(slice(30, 40)))

@@ -91,11 +91,11 @@ def test_two_cameras_from_the_command_line(tmp_path):
     cameras = ("--camera", "left=img/*.png", "--camera", "right=right/*.png")
     done = run("calibrate", "robot.csv", *cameras, "--scene", "-o", "out", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr
-    found = RigCalibration.from_json(tmp_path / "out" / "rig.json").relative("left", "right")
+    found = RigCalibration.from_json(tmp_path / "out" / "result.json").relative("left", "right")
     off = difference(truth, found.pose)
     assert off @ np.linalg.solve(found.covariance, off) < 30 and np.linalg.norm(off[3:]) < 1e-3
     assert (tmp_path / "out" / "right.yaml").read_text(encoding="utf-8").startswith("%YAML:1.0")
-    done = run("check", "out/rig.json", "robot.csv", *cameras, cwd=tmp_path)
+    done = run("check", "out/result.json", "robot.csv", *cameras, cwd=tmp_path)
     assert done.returncode == 2 and "by pictures of a scene" in done.stderr
     done = run("calibrate", "robot.csv", *cameras, "--scene", "--mask", "m.png", cwd=tmp_path)
     assert done.returncode == 2 and "not for several cameras" in done.stderr

@@ -256,8 +256,6 @@ class Calibration(Statement, StoredResult):
         """Facts that the views of the result select from: text, page, notebook, certificate, tables."""
         return facts_of(self)
 
-    file_name: ClassVar[str] = "result.json"  # in the folder of ``calibrate -o``
-
     @property
     def identity(self) -> tuple[str, tuple[Array | None, ...]]:
         """The setup, and X and W with the covariance of X."""

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from numpy.typing import ArrayLike
 
@@ -38,8 +38,6 @@ from .tolerance import Tolerance, ToleranceLike, Verdict, probability_within, ve
 @dataclass(frozen=True, eq=False)
 class RigCalibration(RigPoses, StoredResult):
     """All poses of a rig with their joint covariance, and operations on them; attributes as `RigPoses`."""
-
-    file_name: ClassVar[str] = "rig.json"  # in the folder of ``calibrate -o``
 
     @property
     def identity(self) -> tuple[str, tuple[Array | None, ...]]:

@@ -388,11 +388,12 @@ def _write_result(
     result: "Result", verdicts: "Mapping[str, Verdict]", directory: Path, more: "Mapping[str, str | bytes | Figure]"
 ) -> str:
     """Write the folder of -o with further files, and return what was written."""
+    from ..core.files.json_files import RESULT_NAME
     from ..read import write_files
     from ..report.files import FILES, files_of, words_of_intrinsics
 
-    files = {result.file_name: json_of(result, verdicts)} | files_of(result, verdicts) | rendered(more)
+    files = {RESULT_NAME: json_of(result, verdicts)} | files_of(result, verdicts) | rendered(more)
     write_files(directory, files)
     for name in {*FILES, *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))} - set(files):
         (directory / name).unlink(missing_ok=True)  # those of an earlier run are not of this result
-    return f"{directory / result.file_name} with {len(files) - 1} more files{words_of_intrinsics(result)}"
+    return f"{directory / RESULT_NAME} with {len(files) - 1} more files{words_of_intrinsics(result)}"

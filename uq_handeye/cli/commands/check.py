@@ -52,8 +52,8 @@ def check_command(
       uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm
       # A rig, by new views in a rig file, or in a file for each camera
-      uq-handeye check result/rig.json today.toml
-      uq-handeye check result/rig.json robot.csv --camera left=left.csv
+      uq-handeye check result/result.json today.toml
+      uq-handeye check result/result.json robot.csv --camera left=left.csv
 
       # Every day: a log, and a figure of the whole series
       uq-handeye check result/result.json robot.csv camera.csv \\

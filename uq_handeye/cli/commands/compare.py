@@ -34,7 +34,7 @@ def compare_command(
       uq-handeye compare robot.csv camera.csv --methods tsai,park,4dpa \
           --reference park
       # A stored result, one camera of a rig, or without --camera each
-      uq-handeye compare result/rig.json --camera left
+      uq-handeye compare result/result.json --camera left
 
     A method that fails keeps its row, with the reason. The exit status is 2 if
     every method fails.

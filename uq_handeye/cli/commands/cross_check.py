@@ -48,7 +48,7 @@ def cross_check_command(
       uq-handeye cross-check robot.csv camera.csv \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
       # One camera of a rig, or without --camera each
-      uq-handeye cross-check result/rig.json --camera left
+      uq-handeye cross-check result/result.json --camera left
 
     Computes every covariance of X of the same problem and tests the relations
     that must hold between them. A broken relation is a result: the exit status

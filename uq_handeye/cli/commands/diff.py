@@ -24,7 +24,7 @@ def diff_command(
       # Two sessions with the same robot and the same camera
       uq-handeye diff monday.json friday.json --same robot,camera
       # One camera of a rig, or without --camera each
-      uq-handeye diff monday/rig.json friday/rig.json --camera left
+      uq-handeye diff monday/result.json friday/result.json --camera left
 
     The difference of X and of the target, its standard uncertainty, and the
     probability of one as large if nothing has changed. Results with poses in

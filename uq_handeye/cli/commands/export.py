@@ -41,9 +41,9 @@ def export_command(
       # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
       uq-handeye export result/result.json x.dat --format kuka
       # All poses of a rig, with the relative poses of its cameras
-      uq-handeye export result/rig.json cameras.launch.py
+      uq-handeye export result/result.json cameras.launch.py
       # One camera of a rig, or X after a move that was found from pose 13 on
-      uq-handeye export result/rig.json left.urdf --camera left
+      uq-handeye export result/result.json left.urdf --camera left
       uq-handeye export result/result.json x.urdf --camera camera@13
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf

@@ -120,9 +120,9 @@ def plan_command(
       # In joint values within their limits, for predictions over the workspace
       uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
       # Which view of a rig next, and by which camera
-      uq-handeye plan result/rig.json -k 5
+      uq-handeye plan result/result.json -k 5
       # Next poses of a stored result, or of one camera of a rig
-      uq-handeye plan result/rig.json --camera left --criterion logdet
+      uq-handeye plan result/result.json --camera left --criterion logdet
 
     Prints the standard deviations of X predicted after each pose, to first
     order in the noise.

@@ -55,7 +55,7 @@ def posterior_command(
       uq-handeye posterior robot.csv camera.csv --student-t 5 \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
       # A stored result, one camera of a rig, or without --camera each
-      uq-handeye posterior result/rig.json --camera left -o posterior/
+      uq-handeye posterior result/result.json --camera left -o posterior/
 
     The prior is flat, except for --prior-x, --prior-w and --known.
 

@@ -128,9 +128,9 @@ def predict_command(
       uq-handeye predict result/result.json --length 100mm --at 0.5m \
           --pixel-noise 0.2px --focal-length 1000px
       # Left camera of a rig: poses of the target that it should see
-      uq-handeye predict result/rig.json --of left --camera --robot poses.csv
+      uq-handeye predict result/result.json --of left --camera --robot poses.csv
       # Point of the left camera of a rig, in the frame of the right one
-      uq-handeye predict result/rig.json --of left --into right \
+      uq-handeye predict result/result.json --of left --into right \
           --point 0mm,0mm,300mm --robot poses.csv
 
     The uncertainty combines X, the target pose and the robot.

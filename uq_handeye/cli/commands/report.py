@@ -33,7 +33,7 @@ def report_command(
 
     Examples:
       uq-handeye report result/result.json report.html
-      uq-handeye report result/rig.json report.html
+      uq-handeye report result/result.json report.html
       # Print the result again, and whether it meets a tolerance
       uq-handeye report result/result.json --tolerance 1mm,0.1deg
       # The certificate: the pages that are signed and filed
@@ -87,7 +87,7 @@ def certificate_command(
       uq-handeye certificate result/result.json certificate.json \\
           --tolerance 1mm,0.1deg --about cell.toml
       # All poses of a rig, with a decision on each camera
-      uq-handeye certificate result/rig.json rig.pdf --tolerance 1mm,0.1deg
+      uq-handeye certificate result/result.json rig.pdf --tolerance 1mm,0.1deg
 
     A result that is not usable or has no uncertainty is not certified: the
     file says so and states no X, and the exit status is 3.

@@ -39,7 +39,7 @@ def update_command(
       uq-handeye update result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm -o new/
       # A rig, by new views in a rig file
-      uq-handeye update result/rig.json today.toml -o new/
+      uq-handeye update result/result.json today.toml -o new/
 
     The new result is the calibration of all poses together, with the options
     of the stored one. The order of updates does not matter. New poses that

@@ -66,7 +66,7 @@ def validate_command(
       uq-handeye validate robot.csv camera.csv --method efficient,park \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o runs/
       # A stored result, one camera of a rig, or without --camera each
-      uq-handeye validate result/rig.json --camera left
+      uq-handeye validate result/result.json --camera left
 
     Noise is simulated around the fitted poses, X is estimated in each trial, and
     the scatter of X is compared with the reported covariance. Noise that is not

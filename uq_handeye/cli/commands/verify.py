@@ -42,7 +42,7 @@ def verify_command(
       uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm \\
           --point-sd 0.3mm --tool-sd unknown
       # Points that the left camera of a rig saw
-      uq-handeye verify result/rig.json touches.csv --camera left --tcp-sd 0.2mm
+      uq-handeye verify result/result.json touches.csv --camera left --tcp-sd 0.2mm
       # How many touches until a bias of 1 mm would show
       uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm --show 1mm
 

@@ -12,7 +12,7 @@ def view_command(result: Path, page: PageOptions, touched: TouchesToUse) -> int:
     Examples:
       uq-handeye view result/result.json
       # A rig with several cameras
-      uq-handeye view rig.json
+      uq-handeye view result.json
 
     Ctrl-C ends the page.
     """

@@ -22,8 +22,8 @@ from .packed import packed
 COMPACT_PARTS = ("noise", "posterior", "analysis", "shared", "data", "corrected", "rig")
 # Name of the checksum in a result file, and the hash function that makes it.
 CHECKSUM, HASH = "checksum", "sha256"
-# Names of the result in the folder that ``calibrate -o`` writes: of one camera, of several.
-RESULT_NAMES = ("result.json", "rig.json")
+# Name of the result in the folder that ``calibrate -o`` writes.
+RESULT_NAME = "result.json"
 
 
 def json_text(data: Any, path: StrPath | None = None) -> str:
@@ -50,7 +50,7 @@ def _indented(data: Any, start: str) -> str:
 
 def result_file(path: Path) -> Path:
     """Return the file of a result: of a folder that ``calibrate -o`` wrote the one in it, else the path itself."""
-    return next((path / name for name in RESULT_NAMES if path.is_dir() and (path / name).is_file()), path)
+    return path / RESULT_NAME if (path / RESULT_NAME).is_file() else path
 
 
 def parsed(path: StrPath) -> Any:
