@@ -41,6 +41,8 @@ Words = TypeVar("Words", str, Callable[..., str])
 INPUT, OUTLIERS, NOISE, NEIGHBOURS = "input", "outliers", "noise level", "neighbours"
 RESIDUALS, HALVES, MOTION, SHARED, CAMERA = "residuals", "two halves", "motion", "shared errors", "camera"
 CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
+# A check of several cameras: whether another set of poses explains the views better.
+MINIMUM = "global minimum"
 
 # Values of a finding: numbers, text, arrays, and lists and mappings of these, as its sentence takes them.
 Values: TypeAlias = Mapping[str, Any]

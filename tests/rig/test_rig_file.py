@@ -375,7 +375,7 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
     assert {one.name for one in (path / "out").iterdir()} == {"result.json", "rig.txt", "report.html"} | exports
     page = (path / "r.html").read_text()
     for text in ("Both cameras", "left_T_right", "gripper_T_left", "Cell 4", "left: PASS", "Paths that should agree",
-                 '<ellipse class="ring"', "left sees target 15 times", "Residuals: chi-square"):  # fmt: skip
+                 '<ellipse class="ring"', "left sees target 15 times", "chi-square"):  # fmt: skip
         assert text in page, text
     ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + 6])
     assert run("report", path / "out" / "result.json", path / "again.html") == 0
@@ -399,7 +399,7 @@ def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_o
     assert result.rejected == ()  # outliers are those among views whose errors are all larger than stated
     page = report_html(result, date="today")
     assert not result.usable and "times larger than this noise" in result.reasons[0]
-    assert 'class="answer failed"' in page and "the errors are larger than stated" in page
+    assert 'class="answer failed"' in page and "times larger than this noise (chi-square" in page
     assert page == report_html(result, date="today")
 
 

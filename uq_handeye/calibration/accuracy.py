@@ -15,7 +15,7 @@ covariance of xi for known a, ``P_xx - P_xa P_aa^-1 P_ax``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -137,24 +137,32 @@ def accuracy_of(result: Statement) -> Accuracy | None:
 
 def _from_poses(result: Estimated) -> FromPoses | None:
     """Return what the poses alone give; None where priors add little."""
-    posterior, S = result.posterior, result.covariance
-    if posterior is None or S is None or result.covariance_kind != "model":
+    posterior = result.posterior
+    if posterior is None or result.covariance is None or result.covariance_kind != "model":
         return None
     place = {key: posterior.p + k for key, k in posterior.place.items()}
     of: dict[ErrorKey, list[int]] = {}
     for error in result.shared:
         if error.default and error.key in place and error.resolved < 1.0 - MAX_PRIOR_SHARE:
             of.setdefault(error.key.error, []).append(place[error.key])
+    return from_poses_of(posterior.covariance, slice(0, 6), of)
 
-    def known(index: list[int]) -> Array:
-        P = posterior.covariance
-        across = P[:6, index]
-        C = P[:6, :6] - across @ np.linalg.solve(P[np.ix_(index, index)], across.T)
+
+def from_poses_of(P: Array, pose: slice, of: Mapping[ErrorKey, Sequence[int]]) -> FromPoses | None:
+    """Return what the poses alone give of a pose; None where priors add little.
+
+    ``P``: joint covariance (N, N) of poses and errors. ``pose``: the six numbers of the pose. ``of``: by the errors
+    that are assumed, the places of their numbers.
+    """
+
+    def known(index: Sequence[int]) -> Array:
+        across = P[pose, index]
+        C = P[pose, pose] - across @ np.linalg.solve(P[np.ix_(index, index)], across.T)
         return np.array([_worst(C[3:, 3:]), _worst(C[:3, :3])])
 
     if not of:
         return None
-    total, alone = np.array([_worst(S[3:, 3:]), _worst(S[:3, :3])]), known([k for index in of.values() for k in index])
+    total, alone = known([]), known([k for index in of.values() for k in index])
     if not (total > MIN_PRIOR_GAIN * alone).any():
         return None
     gains = {key: float((1.0 - known(index) / total).max()) for key, index in of.items()}
@@ -278,14 +286,19 @@ def limit_of(result: Statement) -> str | None:
     accuracy = result.accuracy
     if accuracy is None or result.reasons:
         return None
-    if (own := accuracy.from_poses) is not None:
-        of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "Declare it"))
-        known = amounts(own.translation, own.rotation)
-        return f"These poses alone give {known}; the rest is assumed of {of}. {give}."
+    if accuracy.from_poses is not None:
+        return limit_words(accuracy.from_poses)
     if not accuracy.parts:
         return None
     largest = accuracy.parts[0]
     return f"Most of it is {largest.name}: {amounts(largest.translation, largest.rotation)}."
+
+
+def limit_words(own: FromPoses) -> str:
+    """Return a sentence on what the poses alone give, and on the prior that adds most to it, with advice."""
+    of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "Declare it"))
+    known = amounts(own.translation, own.rotation)
+    return f"These poses alone give {known}; the rest is assumed of {of}. {give}."
 
 
 def _about_largest(result: Checked, accuracy: Accuracy) -> str | None:

@@ -6,9 +6,9 @@ those that it does not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -72,7 +72,7 @@ class Check(Record):
     findings: tuple[Finding, ...] = ()
 
 
-def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     found = [finding for finding in findings if finding.severity != "note"]
     order = sorted(range(len(found)), key=lambda k: (-found[k].effect, found[k].record.rank, k))
     return tuple(found[k] for k in order)
@@ -80,7 +80,7 @@ def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Return the failures among findings as short phrases, the decisive one first; also those of an `InputError`."""
-    return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
+    return tuple(dict.fromkeys(one.phrase for one in in_order(findings) if one.severity == "failure"))
 
 
 def _is_refuted(finding: Finding) -> bool:
@@ -114,7 +114,29 @@ def _all_findings(result: Estimated) -> Iterable[Finding]:
     return without_consequences(found)
 
 
-def _without_findings(name: str, result: Estimated) -> Check:
+def checks_of(
+    cautions: Sequence[Finding], names: Iterable[str], without_findings: Callable[[str], Check]
+) -> tuple[Check, ...]:
+    """Return the checks of these names, and those of further findings, by their findings.
+
+    ``without_findings`` makes the check of a name where nothing was found.
+    """
+    found: dict[str, list[Finding]] = {name: [] for name in names}
+    misread = any(finding.explains for finding in cautions)  # then the fit does not test the rest
+    for finding in cautions:
+        found.setdefault(finding.record.check, []).append(finding)
+    checks = []
+    for name, findings in found.items():
+        if findings:
+            more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
+            failed = any(one.rejects for one in findings)
+            checks.append(Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings)))
+        else:
+            checks.append(Check(name, "not run", "after the input") if misread else without_findings(name))
+    return tuple(checks)
+
+
+def _without_findings(result: Estimated, name: str) -> Check:
     """Return the check where nothing was found: passed, or not run and why."""
     if name == INPUT:
         if _are_few(result):
@@ -300,31 +322,17 @@ class Checked(Estimated):
     @cached_property
     def cautions(self) -> tuple[Finding, ...]:
         """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
-        return _in_order(_all_findings(self))
+        return in_order(_all_findings(self))
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
         """The checks of data and fit, one line each: ok, caution, failed or not run."""
-        found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
-        misread = any(finding.explains for finding in self.cautions)  # then the fit does not test the rest
-        for finding in self.cautions:
-            found.setdefault(finding.record.check, []).append(finding)
-        checks = []
-        for name, findings in found.items():
-            if findings:
-                more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
-                failed = any(one.rejects for one in findings)
-                checks.append(
-                    Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings))
-                )
-            else:
-                checks.append(Check(name, "not run", "after the input") if misread else _without_findings(name, self))
-        return tuple(checks)
+        return checks_of(self.cautions, CHECKS, partial(_without_findings, self))
 
     @property
     def refuting(self) -> tuple[Finding, ...]:
         """Findings that make X unusable, the decisive one first: failures, then assumptions that a test refutes."""
-        failures = [one for one in _in_order(self.cautions) if one.severity == "failure"]
+        failures = [one for one in in_order(self.cautions) if one.severity == "failure"]
         return (*failures, *(one for one in self.cautions if one.severity != "failure" and _is_refuted(one)))
 
     @cached_property

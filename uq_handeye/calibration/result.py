@@ -414,7 +414,7 @@ class Calibration(Statement, StoredResult):
         f"method scale kind setup X covariance {DERIVED} n_poses n_pairs noise=_noise_in_file W covariance_W "
         "iterations covariance_kind reference noise_estimate=_estimate_in_file bound 4dpa=fourdpa fit poses=table "
         "analysis provenance about time_offset camera_scale shared open=opened kinematics posterior residuals "
-        "headline usable answered accuracy checks facts data=_data_in_file excluded split findings warnings "
+        "headline usable answered reasons accuracy checks facts data=_data_in_file excluded split findings warnings "
         "corrected"
     )
 

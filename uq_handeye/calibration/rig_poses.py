@@ -21,9 +21,8 @@ from scipy.special import chdtrc
 
 from ..core.files.records import Record
 from ..core.geometry.se3 import Array, block, inverse, skew
-from ..core.levels import CONTRADICTED, IMPOSSIBLE
-from ..core.presentation.numbers import digits, times_of_noise
-from ..core.presentation.units import DEG_PER_RAD, MM_PER_M
+from ..core.levels import IMPOSSIBLE
+from ..core.presentation.numbers import times_of_noise
 from ..errors import InputError
 from ..findings import Finding, step_after, texts
 from ..fit.diagnostics.optimality import Optimality
@@ -36,8 +35,11 @@ from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_numbers import ranges
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.rig.description import WORLD, Rig
+from .accuracy import amounts
+from .checks import Check, in_order
 from .parts import Provenance
 from .report.facts import Facts, facts_of_rig
+from .rig_statement import PointAhead, checks_of_rig, points_ahead
 from .stored_result import NOT_USABLE
 
 # The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
@@ -45,8 +47,6 @@ from .stored_result import NOT_USABLE
 MAX_CHI_SQUARE_RATIO = 10.0
 # Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
 MIN_REFUTED_RATIO = 1.3
-# The headline is a caution where a larger share of the views is rejected.
-MAX_REJECTED_VIEWS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,16 +238,12 @@ class RigPoses(Record):
         by = np.zeros((6, len(self.covariance)))
         by[:, 6 * i : 6 * i + 6] += by_i
         by[:, 6 * j : 6 * j + 6] += by_j
-        return self._function(f"{one} to {two}", f"{one}_T_{two}", pose, by)
+        return self._function(f"{one} to {two}", frame_of_pair(one, two), pose, by)
 
     @cached_property
     def pairs(self) -> tuple[EstimatedPose, ...]:
         """Relative poses of all pairs of cameras on one carrier."""
-        return tuple(
-            self.relative(one, two)
-            for one, two in combinations(self.rig.cameras, 2)
-            if self.rig.cameras[one] == self.rig.cameras[two]
-        )
+        return tuple(self.relative(one, two) for one, two in camera_pairs(self.rig))
 
     # ------------------------------------------------------------------------------------------- text
 
@@ -265,42 +261,52 @@ class RigPoses(Record):
     def headline(self) -> str:
         """Accuracy of the cameras in one sentence; or ``NOT USABLE:`` and the decisive reason."""
         if self.reasons:
-            short = {str(one): f"{one.phrase}." for one in self.findings}
-            return f"{NOT_USABLE}: {short.get(self.reasons[0], self.reasons[0])}"
+            return f"{NOT_USABLE}: {self.reasons[0]}."
         if len(self.open):
             names = ", ".join(one.name for one in self.singles if len(one.open))
             count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
             return f"Not determined: {count}, of {names}. The robot poses turn about too few axes."
-        known = {name: one.sizes for name, one in self.cameras.items()}
-        shift = max(known, key=lambda name: known[name][1])
-        turn = max(sizes[0] for sizes in known.values())
-        least = f"{digits(MM_PER_M * known[shift][1], 2)} mm and {digits(DEG_PER_RAD * turn, 2)} deg"
-        count = "Both" if len(known) == 2 else f"All {len(known)}"
-        whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
-        return f"{whose} to {least} or better (root mean square error, 1 sigma)."
+        turns, shifts = zip(*(one.sizes for one in self.cameras.values()), strict=True)
+        known = f"{amounts(max(shifts), max(turns))} (1 sigma, worst direction)"
+        if len(self.cameras) == 1:
+            (one,) = self.cameras.values()
+            return f"{one.frame} is known to {known}."
+        count = "Both" if len(self.cameras) == 2 else f"All {len(self.cameras)}"
+        return f"{count} cameras are known to {known} or better."
 
     @property
     def status(self) -> str:
         """Status of the headline: "failed" where the poses are not usable, "caution" where something is found, "ok"."""
         if self.reasons:
             return "failed"
-        caution = len(self.open) or any(finding.severity == "caution" for finding in self.findings)
-        return "caution" if caution or self.doubts else "ok"
+        return "caution" if any(check.status in ("caution", "failed") for check in self.checks) else "ok"
+
+    @property
+    def cautions(self) -> tuple[Finding, ...]:
+        """The findings that are more than a note, in the order of their effect on the poses."""
+        return in_order(self.findings)
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The checks of views and fit, one line each: ok, caution, failed or not run."""
+        return checks_of_rig(self)
+
+    @cached_property
+    def points_ahead(self) -> dict[str, PointAhead]:
+        """The error of a point straight ahead of each camera, at the distance of its targets."""
+        return points_ahead(self)
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Sentences that say why the errors may be larger than stated."""
-        found = []
-        if self.p_value < CONTRADICTED.probability:
-            found.append("The residuals are larger than the noise says: the errors are larger than stated.")
-        if len(self.rejected) > MAX_REJECTED_VIEWS * len(self.weights):
-            found.append(f"{len(self.rejected)} of {len(self.weights)} views were rejected.")
-        return tuple(found)
+        """Why the errors may be larger than stated: checks that failed, of poses that can be used."""
+        return tuple(f"check failed: {one.name} ({one.text})" for one in self.checks if one.status == "failed")
 
     @property
     def advice(self) -> str | None:
         """The next step about the findings, None where there is nothing to do."""
-        step = step_after([one for one in self.findings if one.severity != "note"])
+        step = step_after(self.cautions)
+        if step is None and self.noise_refuted:
+            step = "leave the noise out, it is then estimated; look at the files, and what each camera and target is on"
         return None if step is None else step.rstrip(".")
 
     @property
@@ -326,18 +332,15 @@ class RigPoses(Record):
     @property
     def contradictions(self) -> tuple[str, ...]:
         """Reasons why the poses cannot be used, none of which more views mend."""
-        found = [str(finding) for finding in self.findings if finding.severity == "failure"]
+        found = [finding.phrase for finding in self.cautions if finding.severity == "failure"]
         if not found and self.noise_refuted:  # what moved makes them larger, too
             ratio = float(np.sqrt(self.chi_square / self.dof))
-            found.append(
-                f"{times_of_noise(ratio)} (chi-square {self.chi_square:.0f} of {self.dof:.0f}). Leave "
-                "the noise out, it is then estimated; look at what each camera and target is on, and at the files."
-            )
+            found.append(f"{times_of_noise(ratio)} (chi-square {self.chi_square:.0f} of {self.dof:.0f})")
         for (camera, target), (kept, count) in self._kept.items():
             if is_weak_minority(kept, count):
-                found.append(f"{count - kept} of {count} views of {target} by {camera} contradict the others.")
+                found.append(f"{count - kept} of {count} views of {target} by {camera} contradict the others")
         if len(self.rejected) > 0.5 * len(self.weights):
-            found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others.")
+            found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others")
         return tuple(found)
 
     @property
@@ -384,17 +387,17 @@ class RigPoses(Record):
 
     @property
     def rejected_words(self) -> list[str]:
-        """Text about rejected views and poses: a line for each pair of target and camera, and for each arm."""
+        """What is rejected, in words: of each pair of target and camera, and of each arm."""
         of: dict[str, list[Any]] = {}
         for camera, target, moment in self.rejected:
             of.setdefault(f"{target} by {camera}", []).append(moment)
         for arm, moment in self.rejected_poses:
-            of.setdefault(f"robot poses of {arm}", []).append(moment)
+            of.setdefault(arm, []).append(moment)
         lines = []
         for what, moments in of.items():
             numbered = {type(moment) for moment in moments} == {int}
             at = ranges(sorted(moments)) if numbered else ", ".join(map(str, moments))
-            lines.append(f"Rejected, {what}: {at if what.startswith('robot poses') else f'at robot poses {at}'}.")
+            lines.append(f"{what} at {at}")
         return lines
 
     @cached_property
@@ -403,6 +406,7 @@ class RigPoses(Record):
         residuals = self.chi_square, self.dof, self.p_value
         return facts_of_rig(
             list(self.cameras.values()),
+            self.points_ahead,
             {one.frame: one for one in self.every} | {one.name: one for one in self.split},
             self.reference,
             residuals,
@@ -414,6 +418,16 @@ class RigPoses(Record):
     def relative_poses(self) -> dict[str, EstimatedPose]:
         """`pairs` by their frames."""
         return {one.frame: one for one in self.pairs}
+
+
+def camera_pairs(rig: Rig) -> list[tuple[str, str]]:
+    """Return the pairs of cameras whose relative pose is constant: they are on one carrier."""
+    return [(one, two) for one, two in combinations(rig.cameras, 2) if rig.cameras[one] == rig.cameras[two]]
+
+
+def frame_of_pair(one: str, two: str) -> str:
+    """Return the frame of the pose of ``two`` in the frame of ``one``."""
+    return f"{one}_T_{two}"
 
 
 def relative_pose(T_i: Array, T_j: Array) -> tuple[Array, Array, Array]:

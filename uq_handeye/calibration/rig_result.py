@@ -66,8 +66,7 @@ class RigCalibration(RigPoses, StoredResult):
         if tolerance is None:
             return {}
         wanted = Tolerance.read(tolerance, at)
-        reasons = [f"X is not usable: {reason.rstrip('.')}" for reason in self.reasons[:1]]
-        reasons += [] if reasons else [doubt.rstrip(".") for doubt in self.doubts[:1]]
+        reasons = [f"X is not usable: {reason}" for reason in self.reasons[:1]] or self.doubts[:1]
         return {name: verdict_of_pose(one, self.reference, wanted, reasons) for name, one in self.cameras.items()}
 
     def to_dict(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ C = TypeVar("C", bound=RigPoses)
 # Parts of the file besides the fields, which follow from them.
 DERIVED = "cameras targets arms relative=relative_poses"
 # Sentences and verdicts for other programs, which are not read.
-STATED = "headline usable answered reasons facts"
+STATED = "headline usable answered reasons checks facts warnings"
 _NAME = "rig"
 
 

@@ -18,9 +18,8 @@ from ..calibration.stored_result import NOT_USABLE
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.geometry.conventions import CONVENTION
-from ..core.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
-from ..core.presentation.numbers import digits, probability
+from ..core.presentation.numbers import digits
 from ..core.presentation.sections import selected
 from ..core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ..model.poses.estimated_pose import EstimatedPose
@@ -48,12 +47,10 @@ def certified_of_rig(result: RigCalibration, decisions: Mapping[str, Decision]) 
 def refusals_of(result: RigCalibration) -> tuple[str, ...]:
     """Return the reasons why nothing is certified; empty where the rig is."""
     found = [f"{NOT_USABLE}: {reason}" for reason in result.reasons]
-    found += [text for text in result.warnings if text not in result.reasons]
+    found += [str(one) for one in result.cautions if one.phrase not in result.reasons]
     if opened := [name for name, one in result.cameras.items() if len(one.open)]:
         found.append(f"not determined in all directions: {', '.join(opened)}")
-    if result.p_value < CONTRADICTED.probability:
-        found.append(f"the residuals are larger than the noise says ({probability(result.p_value)})")
-    return tuple(found)
+    return tuple(found) or result.doubts
 
 
 def _data(result: RigCalibration, certified: bool) -> JsonObject:
@@ -122,7 +119,7 @@ def _second(result: RigCalibration) -> list[Section]:
     return [
         *selected(parts, ("stated-pairs",), wide=True),
         _measured(result),
-        *selected(parts, ("checks", "noise")),
+        *selected(parts, ("all-checks", "noise")),
         _origin(result),
         Section("validity", "Validity", [Paragraph(VALIDITY), Paragraph(FRAMES)], wide=True),
     ]

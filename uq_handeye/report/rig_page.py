@@ -53,8 +53,8 @@ def rig_sketch(result: RigCalibration) -> Drawing:
         "rig", svg, f"Cameras and targets of the rig with their views: {listed}.",
         f"{lines}. Half the width of an ellipse is the error of the rotation "
         f"(largest: {digits(most[0], 2)} deg), half its height that of the position (largest: "
-        f"{digits(most[1], 2)} mm), root mean square, on one scale. A dashed circle: not determined in all "
-        "directions.", small=True,
+        f"{digits(most[1], 2)} mm), 1 sigma in the worst direction, on one scale. A dashed circle: not determined "
+        "in all directions.", small=True,
     )  # fmt: skip
 
 
@@ -80,6 +80,6 @@ def rig_content(result: RigCalibration, wanted: Wanted) -> Content:
     parts = rig_parts(result, badges_of(result, wanted.verdicts))
     first = selected(parts, ("answer", "next", "poses"), wide=True)
     first.insert(1, Section("rig", "The rig", [rig_sketch(result)], wide=True))
-    second = selected(parts, ("pairs", "checks", "views", "noise"), wide=True)
+    second = selected(parts, ("pairs", "all-checks", "cautions", "views", "noise"), wide=True)
     sections = selected(parts, FOLDED, folded=True) if wanted.folded else []
     return Content(result.camera_names, [result.rig.words, f"{result.rig.n_views} views"], [first, second], sections)

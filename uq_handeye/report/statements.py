@@ -18,7 +18,7 @@ import numpy as np
 from ..calibration.checks import shared_groups, sizes_of
 from ..calibration.parts import Provenance
 from ..calibration.report.facts import noise_per_axis
-from ..calibration.report.first_screen import file_words, fit_words
+from ..calibration.report.first_screen import file_words, fit_words, source_names
 from ..calibration.result import Calibration
 from ..calibration.tolerance import percent
 from ..core.files.about import ABOUT
@@ -60,7 +60,7 @@ def measurand_of(result: Calibration) -> str:
 
 def conditions_of(result: Calibration) -> list[tuple[str, str]]:
     """Return the recorded conditions of the measurement as names and texts."""
-    files = file_words(result)
+    files = file_words(source_names(result))
     rows = [("Data", f"{files}: {fit_words(result)}" if files else fit_words(result))]
     if result.table is not None:
         rejected = len(result.table.rejected)

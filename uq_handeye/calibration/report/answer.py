@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from ...core.presentation.document import Answer, Badge, Block
+from ...findings import Finding
+from ..checks import Check
 from ..tolerance import Verdict
 
 
@@ -19,6 +21,14 @@ class Answered(Protocol):
     @property
     def status(self) -> str:
         """Status of the headline."""
+
+    @property
+    def cautions(self) -> tuple[Finding, ...]:
+        """Findings that are more than a note, in the order of their effect."""
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of data and fit, one line each."""
 
     @property
     def is_stated(self) -> bool:

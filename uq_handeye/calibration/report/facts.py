@@ -28,15 +28,14 @@ from ...model.errors.error_estimate import SHOWN
 from ...model.errors.joint_covariance import JointCovariance
 from ...model.errors.models import marginals
 from ...model.errors.noise_estimate import SIDES
-from ...model.poses.estimated_pose import EstimatedPose
+from ...model.poses.estimated_pose import PARTS, EstimatedPose
 from ..accuracy import Accuracy, Statement, point_ahead
 from ..error_of_X import points_of, radius_95
 from ..estimated import Estimated
+from ..rig_statement import PointAhead
 
 # Points ahead of the camera, in distances of the target.
 STEPS_AHEAD = (0.5, 1.0, 1.5, 2.0)
-# Rotation and translation among the components of an error.
-PARTS = (slice(0, 3), slice(3, 6))
 # Components of an open direction up to this size (rad, m) are rounding errors.
 MAX_ROUNDING_OF_OPEN = 1e-9
 _SOURCES = {
@@ -157,7 +156,7 @@ class Facts:
 
 # What a size of errors is of: in which direction, or of all together.
 WHAT: dict[Group, str] = {
-    "accuracy": "worst direction", "error of pose": "root mean square", "noise": "of each axis",
+    "accuracy": "worst direction", "error of pose": "worst direction", "noise": "of each axis",
 }  # fmt: skip
 
 
@@ -183,7 +182,7 @@ def sizes_of_errors(
 
 
 def facts_of_poses(poses: Mapping[str, EstimatedPose], reference: Reference) -> Iterator[Fact]:
-    """Yield the six numbers of each pose, and the root mean square lengths of its errors with those for 95 %.
+    """Yield the six numbers of each pose, and the sizes of its errors in the worst direction with those for 95 %.
 
     ``poses``: by what their facts are said to be of.
     """
@@ -230,9 +229,13 @@ def _points_ahead(result: Statement, accuracy: Accuracy) -> Iterator[Fact]:
     for step in STEPS_AHEAD:
         z = step * accuracy.distance
         one, within = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
-        yield Fact(
-            "point, worst direction", MM_PER_M * one, None, "mm", "point ahead", f"{fixed(z)} m", MM_PER_M * within
-        )
+        yield fact_of_point(z, one, within)
+
+
+def fact_of_point(distance: float, sd: float, within: float, whose: str = "") -> Fact:
+    """Return the error of a point straight ahead of a camera (m)."""
+    of = f"{fixed(distance)} m{whose}"
+    return Fact("point, worst direction", MM_PER_M * sd, None, "mm", "point ahead", of, MM_PER_M * within)
 
 
 def noise_per_axis(S: Array | JointCovariance) -> Array:
@@ -278,6 +281,7 @@ def _facts(result: Statement) -> Iterator[Fact]:
 
 def facts_of_rig(
     cameras: Sequence[EstimatedPose],
+    ahead: Mapping[str, PointAhead],
     poses: Mapping[str, EstimatedPose],
     reference: Reference,
     residuals: tuple[float, float, float],
@@ -286,18 +290,15 @@ def facts_of_rig(
 ) -> Facts:
     """Return the facts of several cameras, targets and arms.
 
-    ``poses``: all of them by frame, the cameras too, and by name those before and after a move. ``residuals``:
-    chi-square, its degrees of freedom, and the p-value.
-    ``noise``: standard deviations (rad, m) by arm and camera. ``errors``: sizes that were estimated.
+    ``ahead``: a point ahead of each camera, by its name. ``poses``: all of them by frame, the cameras too, and by name
+    those before and after a move. ``residuals``: chi-square, its degrees of freedom, and the p-value. ``noise``:
+    standard deviations (rad, m) by arm and camera. ``errors``: sizes that were estimated.
     """
     found: list[Fact] = []
     for one in cameras:
-        turn, shift = (float(principal_axes(one.covariance[part, part])[0][0]) for part in PARTS)
-        within = within_95(one, reference)
-        if len(one.open):  # a size is known where its limit is
-            sizes = zip((turn, shift), within, strict=True)
-            turn, shift = (size if np.isfinite(limit) else np.inf for size, limit in sizes)
-        found += sizes_of_errors(turn, shift, one.frame, within, "accuracy")
+        found += sizes_of_errors(*one.sizes, one.frame, within_95(one, reference), "accuracy")
+    for name, point in ahead.items():
+        found.append(fact_of_point(point.distance, point.sd, point.within_95, f" of {name}"))
     found += facts_of_poses(poses, reference)
     for one in cameras:
         found += about_axes(one.std, one.frame)

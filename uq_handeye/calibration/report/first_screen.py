@@ -7,7 +7,7 @@ text (`text`) and the report.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -29,7 +29,7 @@ from ...core.presentation.numbers import fixed
 from ..accuracy import Accuracy, combined_parts, limit_of, suits_of
 from ..result import Calibration
 from ..tolerance import NO_VERDICTS, Verdict
-from .answer import verdict_blocks
+from .answer import Answered, verdict_blocks
 from .arm import frame_words
 from .budget import WITHIN_95
 
@@ -75,9 +75,19 @@ def first_screen(
 
 def title_of(result: Calibration, width: int = COLUMNS) -> str:
     """Return the title line, e.g. ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
-    start, end = f"{result.frame} from ", fit_words(result)
-    files = file_words(result, max(width - len(start) - len(end) - 2, 12))
+    return title_line(result.frame, source_names(result), fit_words(result), width)
+
+
+def title_line(subject: str, names: Sequence[str], end: str, width: int = COLUMNS) -> str:
+    """Return the title line of any result: what it is of, from files of which names, and how it was made."""
+    start = f"{subject} from "
+    files = file_words(names, max(width - len(start) - len(end) - 2, 12))
     return _cut(start + (f"{files}: {end}" if files else end), width)
+
+
+def source_names(result: Calibration) -> list[str]:
+    """Return the names of the files of a result."""
+    return [] if result.provenance is None else [source.name for source in result.provenance.sources]
 
 
 def fit_words(result: Calibration) -> str:
@@ -90,10 +100,9 @@ def fit_words(result: Calibration) -> str:
     return ", ".join(parts)
 
 
-def file_words(result: Calibration, room: int = 70) -> str:
-    """Return the names of the files in ``room`` characters, the last ones by their number; empty without files."""
-    sources = () if result.provenance is None else result.provenance.sources
-    names = list(dict.fromkeys(source.name for source in sources))
+def file_words(names: Iterable[str], room: int = 70) -> str:
+    """Return the names of files in ``room`` characters, the last ones by their number; empty without files."""
+    names = list(dict.fromkeys(names))
     shown = ", ".join(names)
     for count in range(len(names) - 1, 0, -1):
         if len(shown) <= room:
@@ -161,7 +170,7 @@ def _sizes(translation: float, rotation: float) -> list[str]:
     return [fixed(1e3 * translation, 2) if translation >= 1e-7 else "0", fixed(turn, 2) if turn >= 1e-5 else "0"]
 
 
-def checks_in_short(result: Calibration) -> Checks:
+def checks_in_short(result: Answered) -> Checks:
     """Return the checks that are not ok as in `checks_block`, and the others in one line."""
     rows = [row for row in checks_block(result).rows if row[0] not in ("ok", "not run")]
     ok, not_run = ([one.name for one in result.checks if one.status == status] for status in ("ok", "not run"))
@@ -174,7 +183,7 @@ def checks_in_short(result: Calibration) -> Checks:
     return Checks(rows)
 
 
-def checks_block(result: Calibration) -> Checks:
+def checks_block(result: Answered) -> Checks:
     """Return the checks, first those that are not ok, by their effect on X; equal ones share a line.
 
     Statements of the headline are not repeated.

@@ -6,6 +6,7 @@ Terminal, ``-v``, notebook, live panel, report and certificate select from this 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,18 @@ from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.levels import INTERVAL
-from ...core.presentation.document import COLUMNS, Answer, Block, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.document import (
+    COLUMNS,
+    Answer,
+    Block,
+    Checks,
+    Document,
+    Heading,
+    Paragraph,
+    Points,
+    Table,
+    document_of,
+)
 from ...core.presentation.html import blocks_html, html_of, to_html
 from ...core.presentation.numbers import digits, probability
 from ...core.presentation.sections import Part, selected, text_of
@@ -22,27 +34,35 @@ from ...core.presentation.units import DEG_PER_RAD, MM_PER_M
 from ...fit.graph.drifts import DRIFT_KINDS
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
-from ..rig_poses import RigPoses
+from ..moves import MOVED
+from ..rig_poses import RigPoses, camera_pairs, frame_of_pair
+from ..rig_statement import limit_of_rig, suits_of_rig
 from ..tolerance import NO_VERDICTS, Verdict, percent
 from .answer import verdict_blocks
+from .first_screen import checks_in_short, title_line
 
 # Sections of the terminal, and of the text with all numbers.
-SCREEN = ("answer", "poses", "pairs", "checks")
+SCREEN = ("answer", "checks", "poses", "pairs")
 NOTEBOOK = ("answer", "next", "poses")
-NOTEBOOK_FOLDED = ("pairs", "checks", "views", "noise")
-LONG = (*SCREEN, "views", "noise", "sizes", "paths", "largest", "numbers", "conventions")
+NOTEBOOK_FOLDED = ("all-checks", "pairs", "views", "noise")
+LONG = (
+    "answer", "all-checks", "cautions", "poses", "pairs", "views", "noise", "sizes", "paths", "largest",
+    "numbers", "conventions",
+)  # fmt: skip
 
 
 def rig_parts(result: RigPoses, verdicts: Sequence[Block] = ()) -> tuple[Part, ...]:
     """Return all sections of a `RigCalibration` in their order; ``verdicts``: whether cameras meet a tolerance."""
     return (
         Part("answer", "Result", lambda: _answer(result, verdicts)),
+        Part("checks", "Checks", lambda: [checks_in_short(result)]),
+        Part("all-checks", "Checks", lambda: [Checks.of(result.checks)]),
+        Part("cautions", "Cautions", lambda: [Points.of_findings(result.cautions)] if result.cautions else []),
         Part("next", "Next step", lambda: _next(result)),
         Part("poses", "Poses", lambda: [poses_table(result)]),
         Part("stated", "Poses", lambda: [stated_table(result, certified_poses(result))]),
         Part("pairs", "Relative poses of the cameras", lambda: _pairs(result)),
         Part("stated-pairs", "Relative poses of the cameras", lambda: _stated_pairs(result)),
-        Part("checks", "Checks", lambda: [Points(_checks(result))]),
         Part("views", "Residuals by camera and target", lambda: [_by_pair(result)]),
         Part("noise", "Noise", lambda: noise_table(result)),
         Part("sizes", "Sizes of all errors", lambda: _sizes(result)),
@@ -66,7 +86,9 @@ def rig_document(
     """Return the text of a rig: answer, poses and checks; ``verbose``: all sections; options as of one camera."""
     parts = rig_parts(result, verdict_blocks(result, verdicts))
     below: list[Block] = [Paragraph(text, hang="  ") for text in last]
-    return [*text_of(selected(parts, LONG if verbose else SCREEN), untitled=("answer",)), *([below] if below else [])]
+    answer, *others = selected(parts, LONG if verbose else SCREEN)
+    first = [Heading(_title(result, width)), *answer.blocks]
+    return [first, *text_of(others, untitled=("checks",)), *([below] if below else [])]
 
 
 @html_of.register(RigPoses)
@@ -85,24 +107,23 @@ FRAMES = (
 )
 
 
+def _title(result: RigPoses, width: int) -> str:
+    rig = result.rig
+    of_arms = [arm.source for name, arm in rig.arms.items() if arm.source != f"arm {name}"]
+    names = [Path(source).name for source in (*of_arms, *(view.source for view in rig.views)) if source]
+    return title_line(", ".join(rig.cameras), names, f"{rig.n_views} views, {result.method}", width)
+
+
 def _answer(result: RigPoses, verdicts: Sequence[Block]) -> list[Block]:
-    blocks: list[Block] = [Answer(result.headline, result.status), *verdicts, *map(Paragraph, result.doubts)]
-    said = [Points.of_findings(result.findings)] if result.findings else []
-    others = [reason for reason in result.reasons if reason not in map(str, result.findings)]
-    lines = [*others, *result.rejected_words]
-    return [*blocks, *said, *([Points(lines)] if lines else [])]
+    """Return the headline, the verdicts or the tolerance that is met, and what limits it or why it is not usable."""
+    blocks: list[Block] = [Answer(result.headline, result.status), *verdicts]
+    failed = [str(one) for one in result.cautions if one.severity == "failure"]
+    said = [None if verdicts else suits_of_rig(result), *failed[:1], limit_of_rig(result)]
+    return [*blocks, *(Paragraph(text) for text in said if text)]
 
 
 def _next(result: RigPoses) -> list[Block]:
     return [] if result.advice is None else [Paragraph(f"Next: {result.advice}.", hang="  ")]
-
-
-def _checks(result: RigPoses) -> list[str]:
-    found = [f"Residuals: chi-square {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."]
-    if result.paths:
-        least = min(result.paths, key=lambda path: path.p)
-        found.append(f"{len(result.paths)} paths; the least likely: {least.words}, {probability(least.p)}.")
-    return [*found, result.optimality.words]
 
 
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
@@ -114,17 +135,21 @@ def poses_table(result: RigPoses, more: Sequence[EstimatedPose] = ()) -> Table:
     names = {one.name for one in result.split}
     rows = result.facts.rows({one.frame: one.name if one.name in names else one.frame for one in shown})
     rows = [[*row, str(one.count or "")] for row, one in zip(rows, shown, strict=True)]
-    caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
+    caption = "Position of each pose, and its standard deviation in the worst direction."
     if result.split:
         caption += " What moved has a pose before and one after the move, NAME@MOMENT."
     return Table(caption, [*_HEAD, "views"], rows)
 
 
 def _pairs(result: RigPoses) -> list[Block]:
+    moved = {one.values["name"] for one in result.findings if one.code == MOVED}
+    frames = [frame_of_pair(one, two) for one, two in camera_pairs(result.rig) if not moved & {one, two}]
+    if result.pairs and not frames:
+        return [Paragraph("A camera moved, so that no relative pose of cameras is constant.")]
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
     caption = "From the joint covariance: errors that both share cancel, which separate calibrations do not know."
-    return [Table(caption, _HEAD, result.facts.rows({frame: frame for frame in result.relative_poses}))]
+    return [Table(caption, _HEAD, result.facts.rows({frame: frame for frame in frames}))]
 
 
 def _residuals(result: RigPoses) -> tuple[Graph, Array, Array]:
@@ -204,7 +229,7 @@ def _optimality(result: RigPoses) -> list[Block]:
             ["estimate from the minimum of the isotropic problem (standard deviations)",
              "not known" if of.distance is None else digits(of.distance, 2)],
             ["local minima that the bound rejected before", str(of.rejected)]]  # fmt: skip
-    return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
+    return [Paragraph(f"Global minimum: {of.words}."), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
 def _largest(result: RigPoses) -> Table:

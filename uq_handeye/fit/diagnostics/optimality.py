@@ -75,17 +75,14 @@ class Optimality(Record):
 
     @property
     def words(self) -> str:
-        """One sentence."""
-        before = (
-            f" {self.rejected} local {'minimum' if self.rejected == 1 else 'minima'} left before it."
-            if self.rejected
-            else ""
-        )
+        """The proof in a phrase."""
+        minima = "minimum" if self.rejected == 1 else "minima"
+        before = f"; {self.rejected} local {minima} left before it" if self.rejected else ""
         if not self.proven:
-            return f"Global minimum: not proven. {self.reason}{before}"
+            return f"not proven: {self.reason}{before}"
         return (
-            f"Global minimum: proven (relative gap {self.gap:.0e}; the estimate is {self.distance:.2g} standard "
-            f"deviations from the minimum of the isotropic problem).{before}"
+            f"proven (relative gap {self.gap:.0e}; the estimate is {self.distance:.2g} standard deviations from the "
+            f"minimum of the isotropic problem){before}"
         )
 
 
@@ -93,27 +90,27 @@ def prove(rig: Rig, found: RigFit, prior: Prior | None = None) -> tuple[Optimali
     """Return the proof for an estimate, and a better minimum (m, 4, 4) where it rejects that of the estimate."""
     if bases := _open_bases(rig, found.graph):
         return Optimality(
-            False, reason=f"The bound needs known bases, and that of {', '.join(bases)} is estimated. Other minima "
-            "were looked for by random starts only."
+            False, reason=f"the bound needs known bases, and that of {', '.join(bases)} is estimated; other minima "
+            "were looked for by random starts only"
         ), None  # fmt: skip
     problem = Isotropic.of_fit(found)
     if len(problem.others) < found.graph.m - len(rig.arms) + 1:
-        return Optimality(False, reason="Of a camera or a target no view counts."), None
+        return Optimality(False, reason="of a camera or a target no view counts"), None
     at, gap, better = problem.globally(found.at)
     if better is not None:
-        return Optimality(False, gap, reason="The bound rejects this minimum: there is a better one."), better
+        return Optimality(False, gap, reason="the bound rejects this minimum, there is a better one"), better
     if gap > PROVEN:
         return Optimality(
-            False, gap, reason=f"The lower bound is {gap:.1e} of the value below the minimum, and no better one was "
-            "found."
+            False, gap, reason=f"the lower bound is {gap:.1e} of the value below the minimum, and no better one was "
+            "found"
         ), None  # fmt: skip
     far = _distance(found, at, problem.others)
     if far > MAX_APART_SD:  # equal weights represent different noise badly: is the minimum reached from there?
         again = fit(found.graph, found.noise, at, "efficient", Weights(found.edge_weights, found.pose_weights), prior)
         if (apart := _distance(found, again.at, problem.others)) > MAX_SAME_DISTANCE_SD:
             return Optimality(
-                False, gap, far, reason=f"The estimate is {far:.2g} standard deviations from the global minimum of the "
-                f"isotropic problem, from which one is reached that is {apart:.2g} away."
+                False, gap, far, reason=f"the estimate is {far:.2g} standard deviations from the global minimum of the "
+                f"isotropic problem, from which one is reached that is {apart:.2g} away"
             ), again.at  # fmt: skip
     return Optimality(True, gap, far), None
 

@@ -9,10 +9,13 @@ import numpy as np
 
 from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of, damaged
+from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 
 NO_ROWS = np.zeros((0, 6))
+# Rotation and translation among the components of an error.
+PARTS = (slice(0, 3), slice(3, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +56,10 @@ class EstimatedPose(ReadOnlyArrays):
 
     @property
     def sizes(self) -> tuple[float, float]:
-        """Root mean square length of the error: of the rotation (rad) and of the translation (m)."""
-        variances = self.std**2
-        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+        """Standard deviations in the worst direction, of rotation (rad) and translation (m); infinite where open."""
+        turn, shift = (principal_axes(self.covariance[part, part])[0][0] for part in PARTS)
+        turn_known, shift_known = (bool(np.isfinite(self.std[part]).all()) for part in PARTS)
+        return float(turn) if turn_known else np.inf, float(shift) if shift_known else np.inf
 
     @classmethod
     def from_dict(cls, data: Any) -> EstimatedPose:
