@@ -39,8 +39,8 @@ from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
 from .moves import MOVED
 from .parts import Provenance
-from .rig_poses import MIN_REFUTED_RATIO
 from .rig_result import RigCalibration
+from .rig_statement import MIN_REFUTED_RATIO
 
 # The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
 MAX_FLICKERING_SHARE = 0.01

@@ -11,13 +11,24 @@ the rotation (theta), of the translation (tau), or of a point p straight ahead o
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ..core.geometry.se3 import Array
+from ..core.geometry.pose_numbers import principal_axes
+from ..core.geometry.se3 import Array, skew
 from ..core.quantiles import POINTS, holding, normal_points, radius_holding, uniform_points
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
 from ..model.errors.cholesky import symmetric_factor
+
+
+class PointAhead(NamedTuple):
+    """The error of a point straight ahead of a camera; m."""
+
+    distance: float
+    sd: float  # in the worst direction
+    within_95: float  # the length that 95 % of its errors are within
 
 
 def points_of(S: Array, reference: Reference, posterior: Posterior | None) -> Array:
@@ -57,3 +68,11 @@ def tails_of(errors: Array, S: Array) -> float:
     """Ratio of the length that 95 % of errors (N, 3) are within to that of a Gaussian of their covariance S."""
     gaussian = float(radius_holding(S))
     return radius_95(errors) / gaussian if gaussian > 0 else 1.0
+
+
+def point_ahead_of(T: Array, S: Array, reference: Reference, distance: float) -> PointAhead:
+    """Return the error of a point so far (m) straight ahead of a camera at T (4, 4), of covariance S (6, 6)."""
+    arm = T[:3, 2] * distance
+    J = np.hstack([-skew(arm), np.eye(3)])
+    sd = float(principal_axes(J @ S @ J.T)[0][0])
+    return PointAhead(distance, sd, radius_95(moved(points_of(S, reference, None), arm)))

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from scipy.linalg import svd
@@ -21,32 +21,19 @@ from scipy.special import chdtrc
 
 from ..core.files.records import Record
 from ..core.geometry.se3 import Array, block, inverse, skew
-from ..core.levels import IMPOSSIBLE
-from ..core.presentation.numbers import times_of_noise
+from ..core.limits import MAX_LISTED
 from ..errors import InputError
-from ..findings import Finding, step_after, texts
+from ..findings import Finding, texts
 from ..fit.diagnostics.optimality import Optimality
 from ..fit.diagnostics.paths import RigPath
 from ..fit.graph.fit import onto_closed
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
-from ..fit.graph.robust import is_weak_minority
 from ..model.poses.estimated_pose import EstimatedPose
 from ..model.poses.pose_numbers import ranges
 from ..model.poses.pose_pairs import Names, PosePairs
 from ..model.rig.description import WORLD, Rig
-from .accuracy import amounts
-from .checks import Check, in_order
 from .parts import Provenance
-from .report.facts import Facts, facts_of_rig
-from .rig_statement import PointAhead, checks_of_rig, points_ahead
-from .stored_result import NOT_USABLE
-
-# The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
-# exceeds this.
-MAX_CHI_SQUARE_RATIO = 10.0
-# Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
-MIN_REFUTED_RATIO = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +232,12 @@ class RigPoses(Record):
         """Relative poses of all pairs of cameras on one carrier."""
         return tuple(self.relative(one, two) for one, two in camera_pairs(self.rig))
 
-    # ------------------------------------------------------------------------------------------- text
+    @property
+    def relative_poses(self) -> dict[str, EstimatedPose]:
+        """`pairs` by their frames."""
+        return {one.frame: one for one in self.pairs}
+
+    # ------------------------------------------------------------------------------------------- residuals
 
     @property
     def p_value(self) -> float:
@@ -256,99 +248,6 @@ class RigPoses(Record):
     def warnings(self) -> tuple[str, ...]:
         """Sentences of the findings that are more than a note."""
         return texts(self.findings)
-
-    @property
-    def headline(self) -> str:
-        """Accuracy of the cameras in one sentence; or ``NOT USABLE:`` and the decisive reason."""
-        if self.reasons:
-            return f"{NOT_USABLE}: {self.reasons[0]}."
-        if len(self.open):
-            names = ", ".join(one.name for one in self.singles if len(one.open))
-            count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
-            return f"Not determined: {count}, of {names}. The robot poses turn about too few axes."
-        turns, shifts = zip(*(one.sizes for one in self.cameras.values()), strict=True)
-        known = f"{amounts(max(shifts), max(turns))} (1 sigma, worst direction)"
-        if len(self.cameras) == 1:
-            (one,) = self.cameras.values()
-            return f"{one.frame} is known to {known}."
-        count = "Both" if len(self.cameras) == 2 else f"All {len(self.cameras)}"
-        return f"{count} cameras are known to {known} or better."
-
-    @property
-    def status(self) -> str:
-        """Status of the headline: "failed" where the poses are not usable, "caution" where something is found, "ok"."""
-        if self.reasons:
-            return "failed"
-        return "caution" if any(check.status in ("caution", "failed") for check in self.checks) else "ok"
-
-    @property
-    def cautions(self) -> tuple[Finding, ...]:
-        """The findings that are more than a note, in the order of their effect on the poses."""
-        return in_order(self.findings)
-
-    @cached_property
-    def checks(self) -> tuple[Check, ...]:
-        """The checks of views and fit, one line each: ok, caution, failed or not run."""
-        return checks_of_rig(self)
-
-    @cached_property
-    def points_ahead(self) -> dict[str, PointAhead]:
-        """The error of a point straight ahead of each camera, at the distance of its targets."""
-        return points_ahead(self)
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why the errors may be larger than stated: checks that failed, of poses that can be used."""
-        return tuple(f"check failed: {one.name} ({one.text})" for one in self.checks if one.status == "failed")
-
-    @property
-    def advice(self) -> str | None:
-        """The next step about the findings, None where there is nothing to do."""
-        step = step_after(self.cautions)
-        if step is None and self.noise_refuted:
-            step = "leave the noise out, it is then estimated; look at the files, and what each camera and target is on"
-        return None if step is None else step.rstrip(".")
-
-    @property
-    def is_stated(self) -> bool:
-        """True if the accuracy is known: of several poses always."""
-        return True
-
-    @property
-    def remedy(self) -> str | None:
-        """Remedy of what was found, None where nothing has one."""
-        return self.advice
-
-    @property
-    def open_words(self) -> tuple[str, ...]:
-        """Names of the poses that are not determined in all directions."""
-        return tuple(one.name for one in self.every if len(one.open))
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why the poses cannot be used; empty where they can."""
-        return self.contradictions
-
-    @property
-    def contradictions(self) -> tuple[str, ...]:
-        """Reasons why the poses cannot be used, none of which more views mend."""
-        found = [finding.phrase for finding in self.cautions if finding.severity == "failure"]
-        if not found and self.noise_refuted:  # what moved makes them larger, too
-            ratio = float(np.sqrt(self.chi_square / self.dof))
-            found.append(f"{times_of_noise(ratio)} (chi-square {self.chi_square:.0f} of {self.dof:.0f})")
-        for (camera, target), (kept, count) in self._kept.items():
-            if is_weak_minority(kept, count):
-                found.append(f"{count - kept} of {count} views of {target} by {camera} contradict the others")
-        if len(self.rejected) > 0.5 * len(self.weights):
-            found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others")
-        return tuple(found)
-
-    @property
-    def noise_refuted(self) -> bool:
-        """True if the residuals are larger than the noise explains, by more than chance."""
-        ratio = self.chi_square / self.dof if self.dof > 0 else 0.0
-        refuted = not self.components and ratio > MIN_REFUTED_RATIO**2 and self.p_value < IMPOSSIBLE.probability
-        return refuted or ratio > MAX_CHI_SQUARE_RATIO
 
     @cached_property
     def _kept(self) -> dict[tuple[str, str], tuple[int, int]]:
@@ -363,18 +262,6 @@ class RigPoses(Record):
         return found
 
     @property
-    def usable(self) -> bool:
-        """True if the poses can be used, and are determined in all directions."""
-        return self.answered == "whole"
-
-    @property
-    def answered(self) -> Literal["whole", "in part", "no"]:
-        """``whole``: all directions are determined. ``in part``: `open` are not. ``no``: see `reasons`."""
-        if self.reasons:
-            return "no"
-        return "in part" if len(self.open) else "whole"
-
-    @property
     def rejected(self) -> tuple[tuple[str, str, Hashable], ...]:
         """Camera, target and moment of the views with weight 0."""
         listed = [(view.camera, view.target, moment) for view in self.rig.views for moment in view.at or ()]
@@ -387,7 +274,7 @@ class RigPoses(Record):
 
     @property
     def rejected_words(self) -> list[str]:
-        """What is rejected, in words: of each pair of target and camera, and of each arm."""
+        """Rejected views and robot poses in words: of each pair of target and camera, and of each arm."""
         of: dict[str, list[Any]] = {}
         for camera, target, moment in self.rejected:
             of.setdefault(f"{target} by {camera}", []).append(moment)
@@ -396,28 +283,10 @@ class RigPoses(Record):
         lines = []
         for what, moments in of.items():
             numbered = {type(moment) for moment in moments} == {int}
-            at = ranges(sorted(moments)) if numbered else ", ".join(map(str, moments))
+            more = f" and {len(moments) - MAX_LISTED} more" if len(moments) > MAX_LISTED else ""
+            at = ranges(sorted(moments)) if numbered else ", ".join(map(str, moments[:MAX_LISTED])) + more
             lines.append(f"{what} at {at}")
         return lines
-
-    @cached_property
-    def facts(self) -> Facts:
-        """Facts that the views of the result select from: text, page, notebook, certificate, panel, JSON."""
-        residuals = self.chi_square, self.dof, self.p_value
-        return facts_of_rig(
-            list(self.cameras.values()),
-            self.points_ahead,
-            {one.frame: one for one in self.every} | {one.name: one for one in self.split},
-            self.reference,
-            residuals,
-            self.noise,
-            self.components,
-        )
-
-    @property
-    def relative_poses(self) -> dict[str, EstimatedPose]:
-        """`pairs` by their frames."""
-        return {one.frame: one for one in self.pairs}
 
 
 def camera_pairs(rig: Rig) -> list[tuple[str, str]]:

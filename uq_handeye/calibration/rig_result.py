@@ -29,14 +29,14 @@ from .of_camera import of_camera
 from .prediction.points_of_cameras import RigPoints, predict_points
 from .report import rig_sections as rig_sections  # registers the text of a rig
 from .result import Calibration
-from .rig_poses import RigPoses
 from .rig_result_file import from_dict, to_dict
+from .rig_statement import RigStatement
 from .stored_result import OF_RIG, StoredResult
 from .tolerance import Tolerance, ToleranceLike, Verdict, probability_within, verdict_of_pose
 
 
 @dataclass(frozen=True, eq=False)
-class RigCalibration(RigPoses, StoredResult):
+class RigCalibration(RigStatement, StoredResult):
     """All poses of a rig with their joint covariance, and operations on them; attributes as `RigPoses`."""
 
     @property

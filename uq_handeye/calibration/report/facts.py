@@ -30,9 +30,8 @@ from ...model.errors.models import marginals
 from ...model.errors.noise_estimate import SIDES
 from ...model.poses.estimated_pose import PARTS, EstimatedPose
 from ..accuracy import Accuracy, Statement, point_ahead
-from ..error_of_X import points_of, radius_95
+from ..error_of_X import PointAhead, points_of, radius_95
 from ..estimated import Estimated
-from ..rig_statement import PointAhead
 
 # Points ahead of the camera, in distances of the target.
 STEPS_AHEAD = (0.5, 1.0, 1.5, 2.0)

@@ -35,8 +35,8 @@ from ...fit.graph.drifts import DRIFT_KINDS
 from ...fit.graph.graph import Graph
 from ...model.poses.estimated_pose import EstimatedPose
 from ..moves import MOVED
-from ..rig_poses import RigPoses, camera_pairs, frame_of_pair
-from ..rig_statement import limit_of_rig, suits_of_rig
+from ..rig_poses import camera_pairs, frame_of_pair
+from ..rig_statement import RigStatement
 from ..tolerance import NO_VERDICTS, Verdict, percent
 from .answer import verdict_blocks
 from .first_screen import checks_in_short, title_line
@@ -51,7 +51,7 @@ LONG = (
 )  # fmt: skip
 
 
-def rig_parts(result: RigPoses, verdicts: Sequence[Block] = ()) -> tuple[Part, ...]:
+def rig_parts(result: RigStatement, verdicts: Sequence[Block] = ()) -> tuple[Part, ...]:
     """Return all sections of a `RigCalibration` in their order; ``verdicts``: whether cameras meet a tolerance."""
     return (
         Part("answer", "Result", lambda: _answer(result, verdicts)),
@@ -74,9 +74,9 @@ def rig_parts(result: RigPoses, verdicts: Sequence[Block] = ()) -> tuple[Part, .
     )
 
 
-@document_of.register(RigPoses)
+@document_of.register(RigStatement)
 def rig_document(
-    result: RigPoses,
+    result: RigStatement,
     verbose: bool = False,
     threshold: float = 0.5,
     verdicts: Mapping[str, Verdict] = NO_VERDICTS,
@@ -91,8 +91,8 @@ def rig_document(
     return [first, *text_of(others, untitled=("checks",)), *([below] if below else [])]
 
 
-@html_of.register(RigPoses)
-def rig_notebook(result: RigPoses) -> str:
+@html_of.register(RigStatement)
+def rig_notebook(result: RigStatement) -> str:
     """Return the answer and the poses; relative poses, checks, residuals and noise folded away."""
     parts = rig_parts(result)
     document: Document = [section.blocks for section in selected(parts, NOTEBOOK)]
@@ -107,29 +107,29 @@ FRAMES = (
 )
 
 
-def _title(result: RigPoses, width: int) -> str:
+def _title(result: RigStatement, width: int) -> str:
     rig = result.rig
     of_arms = [arm.source for name, arm in rig.arms.items() if arm.source != f"arm {name}"]
     names = [Path(source).name for source in (*of_arms, *(view.source for view in rig.views)) if source]
     return title_line(", ".join(rig.cameras), names, f"{rig.n_views} views, {result.method}", width)
 
 
-def _answer(result: RigPoses, verdicts: Sequence[Block]) -> list[Block]:
+def _answer(result: RigStatement, verdicts: Sequence[Block]) -> list[Block]:
     """Return the headline, the verdicts or the tolerance that is met, and what limits it or why it is not usable."""
     blocks: list[Block] = [Answer(result.headline, result.status), *verdicts]
     failed = [str(one) for one in result.cautions if one.severity == "failure"]
-    said = [None if verdicts else suits_of_rig(result), *failed[:1], limit_of_rig(result)]
+    said = [None if verdicts else result.suits, *failed[:1], result.limit]
     return [*blocks, *(Paragraph(text) for text in said if text)]
 
 
-def _next(result: RigPoses) -> list[Block]:
+def _next(result: RigStatement) -> list[Block]:
     return [] if result.advice is None else [Paragraph(f"Next: {result.advice}.", hang="  ")]
 
 
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
-def poses_table(result: RigPoses, more: Sequence[EstimatedPose] = ()) -> Table:
+def poses_table(result: RigStatement, more: Sequence[EstimatedPose] = ()) -> Table:
     """Return the poses, and ``more``, with the lengths of their errors; what moved before and after the move."""
     shown = [*(result.split or result.singles), *more]  # where a pose moved, that of all views together is neither
     names = {one.name for one in result.split}
@@ -141,7 +141,7 @@ def poses_table(result: RigPoses, more: Sequence[EstimatedPose] = ()) -> Table:
     return Table(caption, [*_HEAD, "views"], rows)
 
 
-def _pairs(result: RigPoses) -> list[Block]:
+def _pairs(result: RigStatement) -> list[Block]:
     moved = {one.values["name"] for one in result.findings if one.code == MOVED}
     frames = [frame_of_pair(one, two) for one, two in camera_pairs(result.rig) if not moved & {one, two}]
     if result.pairs and not frames:
@@ -152,14 +152,14 @@ def _pairs(result: RigPoses) -> list[Block]:
     return [Table(caption, _HEAD, result.facts.rows({frame: frame for frame in frames}))]
 
 
-def _residuals(result: RigPoses) -> tuple[Graph, Array, Array]:
+def _residuals(result: RigStatement) -> tuple[Graph, Array, Array]:
     """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
     graph = Graph.of(result.rig)
     r = graph.linearise(result.poses).r
     return graph, DEG_PER_RAD * np.linalg.norm(r[:, :3], axis=1), MM_PER_M * np.linalg.norm(r[:, 3:], axis=1)
 
 
-def _by_pair(result: RigPoses) -> Table:
+def _by_pair(result: RigStatement) -> Table:
     graph, turn, shift = _residuals(result)
     rows: list[list[str]] = []
     marked: set[int] = set()
@@ -178,7 +178,7 @@ def _by_pair(result: RigPoses) -> Table:
     )  # fmt: skip
 
 
-def noise_table(result: RigPoses) -> list[Block]:
+def noise_table(result: RigStatement) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
     rows = [[name, *(fact.short for fact in result.facts.select("noise", name))] for name in result.noise]
     how = "estimated from the views" if result.components else "as given"
@@ -186,7 +186,7 @@ def noise_table(result: RigPoses) -> list[Block]:
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
 
 
-def _sizes(result: RigPoses) -> list[Block]:
+def _sizes(result: RigStatement) -> list[Block]:
     if not result.components:
         return [Paragraph("Not estimated: the noise was given.", empty=True)]
     parts = [[part["name"], *(_sized(part[key], _unit(part)) for key in ("size", "low", "high"))]
@@ -206,7 +206,7 @@ def _sized(value: float, unit: str) -> str:
     return f"{digits(factor * value, 2)} {shown}"
 
 
-def _paths(result: RigPoses) -> list[Block]:
+def _paths(result: RigStatement) -> list[Block]:
     if not result.paths:
         return [Paragraph("No two ways lead to one pose.", empty=True)]
     ordered = sorted(result.paths, key=lambda path: path.p)
@@ -222,7 +222,7 @@ def _paths(result: RigPoses) -> list[Block]:
     ]  # fmt: skip
 
 
-def _optimality(result: RigPoses) -> list[Block]:
+def _optimality(result: RigStatement) -> list[Block]:
     of = result.optimality
     rows = [["proven", "yes" if of.proven else "no"],
             ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
@@ -232,7 +232,7 @@ def _optimality(result: RigPoses) -> list[Block]:
     return [Paragraph(f"Global minimum: {of.words}."), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
-def _largest(result: RigPoses) -> Table:
+def _largest(result: RigStatement) -> Table:
     graph, turn, shift = _residuals(result)
     rows = []
     for e in np.argsort(-result.distances)[:60].tolist():
@@ -246,7 +246,7 @@ def _largest(result: RigPoses) -> Table:
     )  # fmt: skip
 
 
-def _in_full(result: RigPoses) -> Table:
+def _in_full(result: RigStatement) -> Table:
     rows = [[one.frame, *(fact.bare for fact in result.facts.select("pose", one.frame))] for one in result.every]
     return Table(
         "Translation and rotation vector, with one standard deviation in brackets. Matrices and the joint covariance "
@@ -256,12 +256,12 @@ def _in_full(result: RigPoses) -> Table:
     )
 
 
-def certified_poses(result: RigPoses) -> list[EstimatedPose]:
+def certified_poses(result: RigStatement) -> list[EstimatedPose]:
     """Return the poses that a certificate states: cameras, targets, and the bases of all arms but the first."""
     return [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
 
 
-def stated_table(result: RigPoses, poses: Sequence[EstimatedPose]) -> Table:
+def stated_table(result: RigStatement, poses: Sequence[EstimatedPose]) -> Table:
     """Return poses with their quaternions and what 95 % of their errors are within."""
     rows = []
     for one in poses:
@@ -276,5 +276,5 @@ def stated_table(result: RigPoses, poses: Sequence[EstimatedPose]) -> Table:
     return Table(caption, ["pose", "x (mm)", "y (mm)", "z (mm)", "qx", "qy", "qz", "qw", "U (mm)", "U (deg)"], rows)
 
 
-def _stated_pairs(result: RigPoses) -> list[Block]:
+def _stated_pairs(result: RigStatement) -> list[Block]:
     return [stated_table(result, result.pairs)] if result.pairs else [Paragraph("None.")]

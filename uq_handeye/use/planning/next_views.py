@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.prediction.noise_of_views import new_noise, posterior_of
-from ...calibration.rig_poses import RigPoses
+from ...calibration.rig_statement import RigStatement
 from ...calibration.tolerance import Tolerance
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, perturb
@@ -38,7 +38,7 @@ from .result import Plan
 MAX_BEYOND = 1.15
 
 
-def plan_rig(result: RigPoses, asked: PlanRequest) -> Plan:
+def plan_rig(result: RigStatement, asked: PlanRequest) -> Plan:
     """Choose the views after which the poses of the cameras have the smallest errors.
 
     ``asked.candidates``: mapping of names of arms to poses (n, 4, 4), row by row; None: drawn near those of the
@@ -124,7 +124,7 @@ def _given(rig: Rig, candidates: Any) -> dict[str, Array]:
     return found
 
 
-def _drawn(result: RigPoses, asked: PlanRequest) -> dict[str, Array]:
+def _drawn(result: RigStatement, asked: PlanRequest) -> dict[str, Array]:
     """Poses near those of the calibration, inside their box, which is made a little larger, and above the floor."""
     sample, rig = asked.sample, result.rig
     if sample < 1:
@@ -155,7 +155,7 @@ def _drawn(result: RigPoses, asked: PlanRequest) -> dict[str, Array]:
     return {name: T[kept] for name, T in found.items()}
 
 
-def _candidates(result: RigPoses, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:
+def _candidates(result: RigStatement, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:
     """Views that may be taken, as a rig, and the number of the candidate of each."""
     rig, count = result.rig, len(next(iter(robot.values())))
     before: dict[tuple[str, str], list[Array]] = {}
