@@ -19,6 +19,7 @@ from ..fit.diagnostics.optimality import Optimality, better_start, prove
 from ..fit.diagnostics.paths import judged_paths, named_error
 from ..fit.diagnostics.prior_check import prior_findings
 from ..fit.diagnostics.sandwich import Influence
+from ..fit.diagnostics.scales import wrong_size
 from ..fit.graph.constraint import MIN_RESOLVED_SHARE
 from ..fit.graph.declared import declared_of, request_to_dict
 from ..fit.graph.drifts import DRIFT_KINDS, MAX_REMAINING_BESIDE_DRIFT, motion_in_session, with_usual_drift
@@ -242,7 +243,9 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     found, far, spread, components, weights = one
     rig, graph, noise = task.rig, found.graph, found.noise
     paths, findings = judged_paths(task, found)
-    if not findings:
+    if (size := wrong_size(found)) is not None:
+        findings = _beside_size(task, found, *size)
+    elif not findings:
         findings = _beside_drift(task, found, components)
     findings = (*findings, *_of_priors(task, found))
     covariance, reference, kind = found.covariance, Reference(), task.request.covariance
@@ -268,6 +271,17 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
         reference=reference, findings=findings,
         posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
+
+
+def _beside_size(task: Task, found: RigFit, finding: Finding, error: ErrorTerm) -> tuple[Finding, ...]:
+    """Return the finding of a target of another size, or of a pose that moved or drifts with that size estimated.
+
+    Either one looks like the other in some views: a move is none that goes away with the size, and the size is not
+    said where a move is left.
+    """
+    opened = fit(task.graph, found.noise.with_columns([error]), found.at, "efficient", found.weights, task.prior)
+    moved = tuple(one for one in judged_paths(task, opened)[1] if one.severity == "failure")
+    return moved or (finding,)
 
 
 def _beside_drift(task: Task, found: RigFit, components: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:

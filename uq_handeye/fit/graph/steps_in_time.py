@@ -83,16 +83,17 @@ class Moments(NamedTuple):
 
 
 def sums_of(B: Array, rows: Array) -> Array:
-    """(g, 6, 6 + q + 1) ``B^T [B, A, e]`` of groups of rows: B (g, d, 6), rows [A, e] (g, d, q + 1)."""
+    """(g, c, c + q + 1) ``B^T [B, A, e]`` of groups of rows: B (g, d, c), rows [A, e] (g, d, q + 1)."""
     return np.concatenate([B.mT @ B, B.mT @ rows], axis=-1)
 
 
 def differences(inverse: Array, sums: Array) -> tuple[Array, NDArray[np.intp], Array, Array]:
-    """Chi-squares (k,), degrees of freedom (k,), d (k, 6) and covariances (k, 6, 6) of sums (k, 6, 6 + q + 1).
+    """Chi-squares (k,), degrees of freedom (k,), d (k, c) and covariances (k, c, c) of sums (k, c, c + q + 1).
 
-    ``inverse`` (q, q): H^-1.
+    ``inverse`` (q, q): H^-1. c numbers are tested together: 6 of a pose.
     """
-    G, C, g = sums[..., :6], sums[..., 6:-1], sums[..., -1:]
+    c = sums.shape[-2]
+    G, C, g = sums[..., :c], sums[..., c:-1], sums[..., -1:]
     root = np.linalg.inv(np.linalg.cholesky(G))
     share, vectors = np.linalg.eigh(root @ (G - C @ inverse @ C.mT) @ root.mT)
     resolved = share > MIN_INFORMATION_SHARE

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...core.presentation.numbers import concise, digits, probability, times_of_noise
-from ...findings import INPUT, RESIDUALS, Finding, Values, sentence
+from ...findings import GROSS_EXCESS, INPUT, RESIDUALS, Finding, Values, sentence
 from ..poses.pose_numbers import ranges
 from .description import later_name
 
@@ -121,6 +121,40 @@ def _(path: str, angle: float, shift: float, chi_square: float, p: float) -> str
         f"Two ways to one pose disagree ({path}): by {_by(angle, shift)} (chi-square {chi_square:.0f}, "
         f"{probability(p)}), and no move of one pose explains it. Look at the intrinsics, the sizes of the targets, "
         "the accuracy of the arm and the noise given."
+    )
+
+
+def _of_size(values: Values) -> str:
+    """``left: the target is 0.984(1) times as large as given``; without the camera where all of them show it."""
+    by = "" if values["camera"] is None else f"{values['camera']}: "
+    what = _named({"kind": "target", "name": values["target"]})
+    return f"{by}the {what} is {concise(values['size'], values['sd'])} times as large as given"
+
+
+def _of_lengths(values: Values) -> str:
+    """Return what else shows as another size: of one camera, or of all of them."""
+    if values["camera"] is None:
+        return "or declare what the arm or the focal length may be off by (--robot-accuracy, --shared)"
+    return f"and look at the size and the focal length that the program of {values['camera']} was given"
+
+
+@sentence(
+    "rig.wrong_size",
+    check=INPUT,
+    phrase=_of_size,
+    effect=lambda values: float(values["times"]),
+    rejects=True,
+    explains=lambda values: values["times"] > GROSS_EXCESS,
+    explained=True,
+    remedy=lambda values: f"measure the {_named({'kind': 'target', 'name': values['target']})}, {_of_lengths(values)}",
+)
+def _(target: str, camera: str | None, size: float, sd: float, times: float, p: float) -> str:
+    values = {"target": target, "camera": None, "size": size, "sd": sd}
+    whose = "its cameras" if camera is None else camera
+    remedy = _of_lengths(values | {"camera": camera})
+    return (
+        f"By the lengths of {whose} and of the robot, {_of_size(values)} ({probability(p)}). X of {whose} is off by up "
+        f"to {digits(times, 2)} standard deviations. Measure it, {remedy}."
     )
 
 
