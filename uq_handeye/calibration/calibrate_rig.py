@@ -38,6 +38,7 @@ from ..model.rig.description import Rig
 from ..model.rig.noise_by_name import NoiseByName, plain_noise
 from ..model.rig.tied import require_tied
 from ..model.shared_errors.shared_error import SharedError
+from .contradictions import findings_of_views
 from .moves import MOVED
 from .parts import Provenance
 from .rig_result import RigCalibration
@@ -263,13 +264,15 @@ def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibra
     if spread is not None:  # the noise was estimated
         robots, seen = ({name: _sizes(S) for at, name, S in own if at == side} for side in ("robot", "camera"))
         findings = (*findings, *_noisy(seen), *_noisy_robots(robots))
+    posterior = Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh)
+    findings = (*findings, *findings_of_views(graph, posterior, noise, task.request.shared or ()))
     return RigCalibration(
         rig, graph.names, found.at, covariance, found.open, found.lever, found.chi_square, float(found.dof),
         task.method, found.edge_weights, far.edges, found.pose_weights, names,
         {name: _sizes(S) for _, name, S in own}, components=components,
         size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality,
         reference=reference, findings=findings,
-        posterior=Posterior(noise.keys, -found.z, found.whole, graph.names, noise=fresh),
+        posterior=posterior,
     )  # fmt: skip
 
 

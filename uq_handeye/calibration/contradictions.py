@@ -11,16 +11,20 @@ import numpy as np
 from scipy.special import chdtr
 
 from ..core.levels import CONTRADICTED, DOUBTFUL, RARE
+from ..core.rounding import EPS
 from ..findings import GROSS_EXCESS, Finding, Severity
 from ..fit.diagnostics.prior_check import MIN_SHARE_FROM_DATA, prior_findings
+from ..fit.graph.declared import Errors, declared_of
 from ..fit.graph.gauss_helmert import Fit
 from ..fit.graph.goodness_of_fit import GoodnessOfFit
+from ..fit.graph.graph import Graph
+from ..fit.graph.noise import RigNoise
 from ..fit.graph.posterior import Posterior
-from ..fit.graph.shared_estimates import group_test
+from ..fit.graph.shared_estimates import GroupTest, group_test
 from ..model.camera.description import spacing_of
-from ..model.errors.error_estimate import ErrorEstimate
-from ..model.errors.key import ErrorKey
-from ..model.errors.keys import TARGET_SCALE
+from ..model.errors.error_estimate import ErrorEstimate, share_beyond
+from ..model.errors.key import ErrorKey, Kind
+from ..model.errors.keys import ROBOT_ACCURACY, TARGET_SCALE
 from ..model.errors.noise_estimate import NoiseEstimate
 from ..model.shared_errors.shared_error import WRONG_SIZE
 from .job import Job
@@ -72,27 +76,22 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     The numbers of one error are tested together: of many single ones some are far out by chance.
     ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
     """
-    found = []
+    found: list[Finding] = []
+    sd = {key: float(s) for one in job.shared for key, s in zip(one.keys, one.sd, strict=True)}
     by_key: dict[ErrorKey, list[ErrorEstimate]] = {}
     for error in result.shared_at_sizes:
         by_key.setdefault(error.key.source, []).append(error)
     for key, errors in by_key.items():
         declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
-        test = group_test(joint, job.shared, key) if declared else None
-        # An arm of right accuracy is within a factor of 2 of the population that represents it.
-        within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)
-        if test is not None and (test.times > within[1] or test.times < within[0]):
-            severity: Severity = "caution" if test.times > 1 else "note"
-            of_group = {"name": str(key), "count": len(errors), "times": test.times, "p_value": test.p_value}
-            if test.p_value < (CONTRADICTED.probability if severity == "caution" else DOUBTFUL.probability):
-                found.append(Finding("calibration.group_contradicted", severity, of_group))
+        if declared:
+            found += _of_group(group_test(joint, sd, key), key, len(errors), errors[0].accuracy is not None)
     single = [errors[0] for errors in by_key.values() if len(errors) == 1]
     for error in single:
-        alone, sd = error.alone, error.alone_sd
-        told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.size**2
+        alone, alone_sd = error.alone, error.alone_sd
+        told = alone is not None and alone_sd is not None and MIN_SHARE_FROM_DATA * alone_sd**2 < error.size**2
         if told and (error.p_value or 0) < CONTRADICTED.probability:
             factor, unit = error.shown
-            numbers = {"estimate": alone, "sd": sd, "assumed": error.size}
+            numbers = {"estimate": alone, "sd": alone_sd, "assumed": error.size}
             shown = {name: factor * number for name, number in numbers.items() if number is not None}
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
@@ -105,6 +104,48 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
         if error.share > DOMINANT_SHARE:
             groups.setdefault(error.key.error, []).append(error)
     return found + [finding for key, errors in groups.items() for finding in _confounded(result, str(key), errors)]
+
+
+def _of_group(test: GroupTest | None, key: ErrorKey, count: int, of_arm: bool) -> list[Finding]:
+    """Return a finding where the numbers of an error are together larger, or smaller, than assumed."""
+    # An arm of right accuracy is within a factor of 2 of the population that represents it.
+    least, most = (0.5, 2.0) if of_arm else (0.0, 1.0)
+    if test is None or least <= test.times <= most:
+        return []
+    severity: Severity = "caution" if test.times > 1 else "note"
+    if test.p_value >= (CONTRADICTED.probability if severity == "caution" else DOUBTFUL.probability):
+        return []
+    values = {"name": str(key), "count": count, "times": test.times, "p_value": test.p_value}
+    return [Finding("calibration.group_contradicted", severity, values)]
+
+
+def findings_of_views(graph: Graph, posterior: Posterior, noise: RigNoise, declared: Errors) -> list[Finding]:
+    """Return the same of the errors that the views of a rig share: sizes of targets, and what was declared of errors.
+
+    The errors of ``posterior`` have the prior variance 1. The relative error of the size of a target is that of the
+    lengths of its views, ``a = g z`` with ``g_k`` the mean of ``K_k . t / |t|^2`` over them, of columns K of scale.
+    """
+    found: list[Finding] = []
+    numbers: dict[ErrorKey, list[int]] = {}
+    for k, key in enumerate(posterior.keys):
+        numbers.setdefault(key.error, []).append(k)
+    for error, of in numbers.items():
+        if declared_of(declared, error) is not None:
+            test = group_test(posterior, dict.fromkeys((posterior.keys[k] for k in of), 1.0), error)
+            found += _of_group(test, error, len(of), error.of("") == ROBOT_ACCURACY)
+    scales = [k for k, key in enumerate(posterior.keys) if key.kind == Kind.SCALE]
+    K, t = noise.K_camera[:, 3:, scales], graph.C[:, :3, 3]
+    g = np.einsum("eik,ei->ek", K, t) / np.maximum(np.einsum("ei,ei->e", t, t), EPS)[:, None]
+    S = posterior.covariance[np.ix_(*2 * [posterior.p + np.array(scales, dtype=np.intp)])]
+    for w in np.unique(graph.W) if scales else ():
+        mean = g[w == graph.W].mean(axis=0)
+        estimate, sd = float(mean @ posterior.estimate[scales]), float(np.sqrt(mean @ S @ mean))
+        probability = share_beyond(WRONG_SIZE, estimate, sd)
+        if probability > 0.5:
+            target = {"target": graph.names[w]} if len(np.unique(graph.W)) > 1 else {}
+            values = {"estimate": estimate, "sd": sd, "square": None, "probability": probability, **target}
+            found.append(Finding("calibration.target_size", "caution", values))
+    return found
 
 
 def _confounded(result: Calibration, name: str, errors: Sequence[ErrorEstimate]) -> list[Finding]:

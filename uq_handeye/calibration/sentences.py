@@ -29,7 +29,8 @@ def _open_in_short(v: Values) -> str:
 
 def _size_in_short(v: Values) -> str:
     share = 100 * abs(1 / (1 + v["estimate"]) - 1)
-    return f"target {digits(share, 2)} % {'larger' if v['estimate'] < 0 else 'smaller'} than given"
+    what = f"target {v.get('target', '')}".rstrip()
+    return f"{what} {digits(share, 2)} % {'larger' if v['estimate'] < 0 else 'smaller'} than given"
 
 
 @sentence(
@@ -79,8 +80,9 @@ def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value:
 def _(name: str, count: int, times: float, p_value: float) -> str:
     how = f"about {multiple(times)} times as large as" if times >= 0.2 else "less than a fifth of what was"
     declare = "larger" if times > 1 else "smaller"
+    numbers = "it is" if count == 1 else f"its {count} numbers are"
     return (
-        f"The residuals contradict the assumed {name}: its {count} numbers are {how} assumed "
+        f"The residuals contradict the assumed {name}: {numbers} {how} assumed "
         f"({probability(p_value)}). Declare a {declare} standard deviation."
     )
 
@@ -92,7 +94,7 @@ def _(name: str, count: int, times: float, p_value: float) -> str:
     effect=1.15,
     remedy="measure the target and give its true size",
 )
-def _(estimate: float, sd: float, square: float | None, probability: float = 1.0) -> str:
+def _(estimate: float, sd: float, square: float | None, probability: float = 1.0, target: str = "") -> str:
     sure = f" (probability {digits(100 * min(probability, 0.9999), 4)} %)"
     # Used / true - 1 = e, so that the true size is that used, over 1 + e.
     true, deviation = 1 / (1 + estimate), sd / (1 + estimate) ** 2
@@ -103,7 +105,8 @@ def _(estimate: float, sd: float, square: float | None, probability: float = 1.0
     size = abs(true - 1)
     found = concise(100 * size, 100 * deviation, "%")
     printed = " A printer that scales to fit the page does that; a wrong focal length looks like it." * (size > 0.015)
-    return f"The target is {found} {way} than assumed{sure}.{printed} Measure it, and give its size."
+    what = f"The target {target}".rstrip()
+    return f"{what} is {found} {way} than assumed{sure}.{printed} Measure it, and give its size."
 
 
 @sentence(

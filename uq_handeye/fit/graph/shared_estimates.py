@@ -116,15 +116,14 @@ def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -
     return found[0], found[1]
 
 
-def group_test(posterior: Posterior, errors: Sequence[SharedError], error: ErrorKey) -> GroupTest | None:
-    """Test whether the estimates of the numbers of an error are as large as assumed.
+def group_test(posterior: Posterior, sd: Mapping[ErrorKey, float], error: ErrorKey) -> GroupTest | None:
+    """Test whether the estimates of the numbers of an error are as large as assumed, by the standard deviation of each.
 
     In units of the prior and along the eigenvectors of what the data tell, ``I - P = V diag(v) V^T``, an estimate has
     the variance ``v (1 + (s^2 - 1) v)`` if the standard deviations should have been s times as large: weakly resolved
     numbers say little of s. s is the one of largest likelihood, p that of the likelihood ratio to s = 1 (chi-square
     with one degree of freedom, asymptotically). None where the data say nothing.
     """
-    sd = {key: float(s) for one in errors for key, s in zip(one.keys, one.sd, strict=True)}
     of = [k for k, key in enumerate(posterior.keys) if key.source == error and key in sd]
     unit, at = np.array([sd[posterior.keys[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
     left = posterior.covariance[np.ix_(at, at)] / np.outer(unit, unit)

@@ -116,8 +116,7 @@ class ErrorEstimate(Record):
 
     def beyond(self, size: float) -> float:
         """Return the probability that the error is larger than a size, whatever its sign."""
-        spread = max(self.sd, 1e-300) * np.sqrt(2.0)
-        return float(0.5 * (erfc((size - self.estimate) / spread) + erfc((size + self.estimate) / spread)))
+        return share_beyond(size, self.estimate, self.sd)
 
     @property
     def p_value(self) -> float | None:
@@ -150,3 +149,9 @@ class ErrorEstimate(Record):
 def resolved_share(sd: float, size: float) -> float:
     """Return the share of a prior variance that the data took away, of the standard deviation that is left."""
     return float(np.clip(1.0 - (sd / size) ** 2, 0.0, 1.0)) if size > 0 else 0.0
+
+
+def share_beyond(size: float, mean: float, sd: float) -> float:
+    """Return the probability that a Gaussian number is larger than a size, whatever its sign."""
+    spread = max(sd, 1e-300) * np.sqrt(2.0)
+    return float(0.5 * (erfc((size - mean) / spread) + erfc((size + mean) / spread)))
