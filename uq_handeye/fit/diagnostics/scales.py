@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from ...core.geometry.se3 import Array
 from ...core.rounding import SOLUTION_ROUNDING
@@ -46,8 +46,10 @@ def wrong_size(found: RigFit) -> tuple[Finding, ErrorTerm] | None:
             total += sums_of(part.half @ part.by_errors(none, longer)[..., None], rows).sum(axis=0)
     squares, _, d, S = differences(found.whole, sums)
     best = int(np.argmax(squares))
-    left = max(1.0, (found.chi_square - float(squares[best])) / max(found.dof - 1, 1))
-    p, size = float(chdtrc(1, squares[best] / left)) * len(tried), 1.0 + float(d[best, 0])
+    free = max(found.dof - 1, 1)
+    left = max(1.0, (found.chi_square - float(squares[best])) / free)
+    p = float(chdtrc(1, squares[best]) if left == 1.0 else fdtrc(1, free, squares[best] / left)) * len(tried)
+    size = 1.0 + float(d[best, 0])
     if p > FALSE_FINDING or not 1.0 / MAX_TARGET_RATIO < size < MAX_TARGET_RATIO:  # a wrong file, not a size
         return None
     w, x = tried[best]

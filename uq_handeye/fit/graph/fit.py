@@ -38,6 +38,7 @@ from .graph import VIEWS_TOGETHER, Batch, Graph, Index, Sides, noise_of_cameras,
 from .noise import RigNoise
 from .open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
 from .request import Request
+from .starts import MEDIAN_SQUARE
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
 MAX_STEP_SD = 0.1
@@ -393,13 +394,37 @@ def _inverse(
     rig = rig_units(graph, lever)
     if len(U) == p:
         raise DegenerateMotionError("The data determine nothing: the robot did not move.", np.eye(6))
-    closed = np.linalg.qr((U * rig).T, mode="complete")[0][:, len(U) :] / rig[:, None]
+    closed = _closed(U, rig)
     Q = np.zeros((len(H), closed.shape[1] + len(H) - p))
     Q[:p, : closed.shape[1]], Q[p:, closed.shape[1] :] = closed, np.eye(len(H) - p)
     inner = Q.T @ H @ Q
     scale = 1.0 / np.sqrt(np.diag(inner))
     half = Q * scale
     return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U, 0.0
+
+
+def closed_by_residuals(graph: Graph, at: Array, prior: Prior | None) -> Array | None:
+    """(p, q) basis of the directions that are determined with noise of the size of the residuals; None: all, or none.
+
+    The sizes of errors are estimated along these: a step along the others is no smaller than their noise, ever.
+    """
+    sides = graph.linearise(at)
+    squares = (sides.r * sides.r).reshape(-1, 2, 3).sum(axis=-1)
+    variances = np.repeat(np.maximum(np.median(squares, axis=0) / MEDIAN_SQUARE, 1e-24), 3)
+    known, lever = prior_at(graph, at, prior).information, lever_of(graph, at)
+    information = graph.gram(sides, np.broadcast_to(1.0 / variances, (graph.E, 6))) + known
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-24 * float(np.diag(information).max())))
+    if float(np.linalg.eigvalsh(information * np.outer(unit, unit))[0]) > MIN_CLEAR_EIGENVALUE:
+        return None
+    half = 0.5 * np.diag(variances)
+    noise = RigNoise.of_own(np.tile(half, (graph.P, 1, 1)), np.tile(half, (graph.E, 1, 1)))
+    U = _open(graph, noise, Place(at, graph.robot, graph.C), known, lever)
+    return None if U is None or len(U) == graph.p else _closed(U, rig_units(graph, lever))
+
+
+def _closed(U: Array, units: Array) -> Array:
+    """(p, q) basis of the directions beside open ones U (k, p), orthonormal in units of the rig (p,)."""
+    return np.asarray(np.linalg.qr((U * units).T, mode="complete")[0][:, len(U) :] / units[:, None])
 
 
 def _open(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: float) -> Array | None:
@@ -432,7 +457,15 @@ def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: fl
         part = graph.of_edges(some)
         used = graph.used_by(some)
         I_0 += part.gram(sides, weights)
-        measured = ((part.robot, roots[0][used]), (part.C, roots[1][some]))
+        of_robot = roots[0][used]
+        if (
+            not noise.split_known
+        ):  # whatever share of the noise of rotations is the robot's, its axes may have all of it
+            turn = np.zeros(graph.P + 1)
+            for numbers in side:
+                np.maximum.at(turn, numbers, variances[:, 0])
+            of_robot[:, :3] = np.sqrt(turn[used])[:, None, None] * np.eye(6)[:3]
+        measured = ((part.robot, of_robot), (part.C, roots[1][some]))
         for s, (poses, of_each) in enumerate(measured):
             for a in range(6):
                 # errors of both signs, whose mean change is exact to second order

@@ -38,6 +38,7 @@ class RigNoise(ReadOnlyArrays):
     by_camera: Array  # (E, 6, m_c)
     of_robot: NDArray[np.bool_]  # (m,) whether an error is one of the robot side
     keys: tuple[ErrorKey, ...] = ()  # of the m
+    split_known: bool = True  # how the noise of rotations is split between robot and cameras (`fit`)
 
     @classmethod
     def of_own(cls, robot: Array, camera: Array) -> RigNoise:

@@ -44,7 +44,7 @@ from ...model.shared_errors.view import (
 from .declared import Errors, declared_of, further_errors, with_declared
 from .drifts import DRIFT_KINDS, drifts_of, times_of
 from .engine import LatentModel, Rows
-from .fit import Prior, Shared, Task, prior_at
+from .fit import Prior, Shared, Task, closed_by_residuals, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
 from .integration import Mixture, integrate
 from .mode import GAIN, ROUGH_GAIN, find_mode
@@ -307,10 +307,11 @@ def find_sizes(
     )
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
+    basis = closed_by_residuals(used, at, task.prior)
 
     def linear_at(at: Array) -> Linear:
-        model = model_of(rig, used, own, at, task.prior)
-        return Linear(model, Reduced(model.J, None, None))
+        model = model_of(rig, used, own, at, task.prior, basis)
+        return Linear(model, Reduced(model.J, basis, None))
 
     def moved(at: Array, step: Array) -> Array:
         return np.asarray(perturb(at, step.reshape(-1, 6)))
@@ -320,11 +321,12 @@ def find_sizes(
     if not whole:
         one = model.of_poses(theta)
         point = Mixture(np.ones(1), theta[None], one.mean[None], one.covariance[None], np.ones(1), np.zeros(1))
-        return replace(found_of(rig, graph, parts, point, np.zeros_like(one.covariance), width), theta=theta)
+        return replace(found_of(rig, graph, parts, point, np.zeros((graph.p, graph.p)), width), theta=theta)
     mixture = integrate(model, [found.mode, *found.others])
     centre = model.of_poses(mixture.mean_theta)
     spread = mixture.about(centre.mean) - centre.covariance
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
+    vectors = vectors if basis is None else basis @ vectors
     return found_of(rig, graph, parts, mixture, (vectors * np.maximum(values, 0.0)) @ vectors.T, width)
 
 
@@ -352,7 +354,7 @@ def found_of(
         else ({"name": str(WIDTH), "key": WIDTH.to_dict(), "size": half, "low": half, "high": half, "unit": ""},)
     )
     sized = [replace(part, size=Size(s)) for part, s in zip(parts, sizes.tolist(), strict=True)]
-    noise = RigNoise.of_own(np.zeros((graph.P, 6, 6)), given_covariances(rig, graph)[0])
+    noise = replace(RigNoise.of_own(np.zeros((graph.P, 6, 6)), given_covariances(rig, graph)[0]), split_known=False)
     return Found(noise.with_blocks(sized).with_columns(sized), spread, (*lines, *of_targets), mixture.weights)
 
 
@@ -381,8 +383,13 @@ def _rows_of(part: ErrorTerm, edges: NDArray[np.intp], poses: NDArray[np.intp]) 
     return part.rows(poses if part.side == "robot" else edges)
 
 
-def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, prior: Prior | None) -> LatentModel:
-    """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order."""
+def model_of(
+    rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, prior: Prior | None, basis: Array | None = None
+) -> LatentModel:
+    """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order.
+
+    ``basis`` (p, q): the directions of the unknowns that are determined; None: all.
+    """
     given, some = given_covariances(rig, graph)
     groups = []
     for batch in graph.batches:
@@ -403,11 +410,13 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[ErrorTerm, ...], at: Array, pr
                 blocks[k] = noise_of_robots(D_R, S[batch.robots]) if of_robot else noise_of_cameras(D_C, S[batch.edges])
         known = noise_of_cameras(D_C, given[batch.edges]) if some.any() else None
         J = graph.by_unknowns(sides, edges).reshape(b, 6 * e, graph.p)
+        J = J if basis is None else J @ basis
         groups.append(Rows(J, sides.r.reshape(b, -1), np.concatenate(shared, axis=-1), blocks, known))
     known_poses = None
     if prior:
-        of = prior_at(graph, at, prior)
-        known_poses = np.block([[of.information, of.gradient[:, None]], [of.gradient[None], np.array([[of.square]])]])
+        of, Q = prior_at(graph, at, prior), np.eye(graph.p) if basis is None else basis
+        pull = Q.T @ of.gradient
+        known_poses = np.block([[Q.T @ of.information @ Q, pull[:, None]], [pull[None], np.array([[of.square]])]])
     first, *others = groups
     return LatentModel(
         first.J, first.r, parts, first.shared, first.blocks, first.known, known_poses, tuple(others),
