@@ -72,6 +72,9 @@ from ..graph.own_residuals import own_residuals
 # The shares ``-B_k J_k`` of the poses in the estimate add up to 1; one with an eigenvalue below this is no weight.
 MIN_SHARE_OF_POSE = -0.05
 
+# Draws of the bootstrap of one data set that are solved together at least: the shares of all poses are read once.
+MIN_DRAWS_TOGETHER = 32
+
 # Why there is no such covariance under joint noise.
 JOINT = (
     "The noise is joint over the poses: they share errors, so that no two of them are independent, and clustering by "
@@ -155,7 +158,8 @@ class Influence:
         batch = own.shape[:-2]
         total, square = np.zeros((*batch, p)), np.zeros((*batch, p, p))
         used = np.zeros(batch, dtype=np.intp)
-        size = max(1, 12 * CHUNK // (math.prod(batch) * 3 * p * p + n))
+        sets = math.prod(batch)
+        size = max(1, MIN_DRAWS_TOGETHER // sets, 12 * CHUNK // (sets * 3 * p * p + n))
         for start in range(0, replicates, size):
             counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(size, replicates - start)).astype(float)
             information = (counts @ shares).reshape(*batch, -1, p, p)
