@@ -10,6 +10,8 @@ from scipy.stats import chi2
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 from uq_handeye.fit.diagnostics.exchanged_views import exchanged
+from uq_handeye.fit.graph import weights
+from uq_handeye.fit.graph.fit import fit
 from uq_handeye.trials.simulation.several_cameras import simulate_rig
 
 pytestmark = pytest.mark.filterwarnings("ignore:The views of the cameras left and right:uq_handeye.InputWarning")
@@ -170,3 +172,17 @@ def test_a_robot_of_which_most_poses_are_wrong_is_not_usable():
     rows = np.flatnonzero(np.arange(12) % 3)
     result = uq.calibrate(robot_rows(rig, rows, np.random.default_rng([SEED, 9])))
     assert not result.usable and [one.code for one in result.findings if one.severity == "failure"]
+
+
+@pytest.mark.filterwarnings("ignore:Camera right with board:uq_handeye.InputWarning")
+def test_a_file_of_another_unit_is_refused_after_few_fits(monkeypatch):
+    """Fits to views that contradict each other do not converge, and each of them takes all of its steps."""
+    exact, _ = simulate_rig(*HAND, n_poses=20, seed=SEED, noise=NOISE)
+    left, right = (view.poses.copy() for view in exact.views)
+    right[:, :3, 3] *= 100.0
+    calls = []
+    monkeypatch.setattr(weights, "fit", lambda *values: calls.append(1) or fit(*values))
+    with pytest.raises((uq.InputError, uq.NotConvergedError)) as refused:
+        uq.calibrate(with_poses(exact, [left, right]), noise=NOISE)
+    assert len(calls) < 60
+    assert any("right is in cm" in str(one) and one.severity == "failure" for one in refused.value.findings)

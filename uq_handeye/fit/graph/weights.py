@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...errors import InputError
+from ...errors import InputError, NotConvergedError
 from ...model.errors.cholesky import factor
 from ...model.errors.square_roots import LEAST_WEIGHT
 from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Weights, fit
@@ -31,6 +31,8 @@ from .robust import in_turns, largest_by_chance, left_out, robust_weights, scale
 
 # Robust weights have converged where none of them changes by more; and in the last round.
 MAX_SETTLED_CHANGE, MAX_LAST_CHANGE = 0.01, 0.2
+# The views contradict each other where so many fits in a row, with other weights each, do not converge.
+MAX_FAILURES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ def fit_robustly(
     """Fit with weights of the views and of the robot poses; all are 1 where the largest distance is not unusual.
 
     ``begin`` (E,): the edges that count at first, or the weights to begin with. Raises `InputError` where less than
-    half of the views agree.
+    half of the views agree, `NotConvergedError` where the fits do not converge whatever the weights.
     """
     limit = largest_by_chance(graph.E + graph.P)
     weights = (
@@ -105,11 +107,18 @@ def fit_robustly(
             return found, far
         weights = found.weights
         del found, far
-    at, cleared = start, np.zeros(graph.P, dtype=bool)
+    at, cleared, failures = start, np.zeros(graph.P, dtype=bool), 0
 
     def fitted(w: Array, _: bool) -> tuple[tuple[RigFit, Distances], Array]:
-        nonlocal at, weights, cleared
+        nonlocal at, weights, cleared, failures
         found = fit(graph, noise, at, method, weights._replace(edges=w[: graph.E], poses=w[graph.E :]), prior)
+        failures = 0 if found.converged else failures + 1
+        if failures == MAX_FAILURES:
+            raise NotConvergedError(
+                "The robust fit did not converge: the views contradict each other. Look at the units and the frames of "
+                "each file, what cameras and targets are on, and the noise given.",
+                found,
+            )
         at, far, weights = found.at, distances(found), found.weights
         worst = _worst(graph, far)
         cleared |= (weights.poses == 0) & (worst > limit)  # its views contradict each other without it, too
