@@ -72,6 +72,26 @@ def test_a_covariance_of_many_poses_whitens_as_that_of_arrays(both, rng):
         assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
 
 
+def test_many_poses_are_whitened_in_place(both, rng):
+    """The values over the blocks, and no further array of all poses beside them; those given stay as they are."""
+    factor = JointCovariance(np.tile(np.eye(6), (N, 1, 1)), both[0]).factor
+    values = rng.normal(size=(N, 6, 40))
+    before = values.copy()
+    for whitened in (factor.whiten, factor.pull):
+        tracemalloc.start()
+        whitened(values)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 2.6 * values.nbytes  # 3.5 where two more are made at once
+        np.testing.assert_array_equal(values, before)
+
+
+def test_the_columns_of_one_error_do_not_keep_those_of_others():
+    poses = uq.simulate(n_poses=30, seed=1)
+    columns = uq.SharedError.focal_length().bound(poses).factor_at(poses)
+    assert columns.shape == (30, 6, 1) and columns.base is None
+
+
 @pytest.mark.slow
 def test_columns_of_many_poses_are_not_held_in_every_form():
     """173 columns of 6,000 poses take 50 MB; the measured and corrected poses, S and its factors would hold twenty."""

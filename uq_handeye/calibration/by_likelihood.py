@@ -179,6 +179,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         noise = _columns_at_corrected(job, noise, fit)
         fit = fitted_again(constraint, noise, fit, job.method)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
+    del source  # its columns are those at the measured poses: of many poses their memory is needed
     return _assembled(job, noise, fit, fourdpa, found, robust)
 
 
@@ -392,6 +393,7 @@ def _assembled(
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, seed, read_only(beside), read_only(within))
     seen = motions_without_shared_errors(motions, noise, fit)
     angle, distance = residuals(seen.A, seen.B, fit.X)
+    del seen
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)

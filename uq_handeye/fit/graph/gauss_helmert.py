@@ -431,6 +431,7 @@ def fit(
         if converged.all():
             break
         errors = _errors(linear.sides, noise, factor, white[..., -1:] + white[..., :-1] @ step[..., None, :, None])
+        del white  # of many poses the next step needs its memory
         first, second = (
             T if v is None else perturb(T, -v)
             for T, v in zip((constraint.first, constraint.second), errors, strict=True)

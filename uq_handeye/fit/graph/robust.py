@@ -126,8 +126,9 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
         squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
         return np.asarray(squares.sum(axis=-1)), leverage
     factor = fit.weighted_factor
-    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
-    pulled_back = pulled(factor, whiten(factor, stacked))  # S^-1 J and S^-1 r, pose by pose
+    white = whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
+    pulled_back = pulled(factor, white)  # S^-1 J and S^-1 r, pose by pose
+    del white
     Q, pull = pulled_back[..., :-1], pulled_back[..., -1:]
     L = np.linalg.cholesky(weighed_blocks(fit.S))
     information = L.mT @ (inverse_blocks(factor) - Q @ P @ Q.mT) @ L

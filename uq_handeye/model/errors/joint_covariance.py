@@ -30,7 +30,7 @@ from ...core.geometry.se3 import Array
 from ...core.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .cholesky import checked_cholesky, substitute, substitute_transposed
-from .columns import MANY_POSES, Columns, against, scaled, second_moment, side_by_side, squares, times
+from .columns import MANY_POSES, Columns, against, parts_of, scaled, second_moment, side_by_side, squares, times
 from .key import ErrorKey
 
 # Poses by their numbers or by a mask.
@@ -257,8 +257,13 @@ class JointFactor:
         return cls(B, V, C, np.linalg.inv(C @ (one + C).mT))
 
     def _reflected(self, values: Array, K: Array) -> Array:
-        """``(I - V K V^T)`` times (..., n, k, p)."""
-        return values - times(self.V, K @ against(self.V, values))
+        """``(I - V K V^T)`` times (..., n, k, p), which are overwritten where the columns are made in parts."""
+        moved = K @ against(self.V, values)
+        if not isinstance(self.V, Columns):
+            return values - times(self.V, moved)
+        for of in parts_of(len(values)):
+            values[of] -= self.V.times(moved, of)
+        return values
 
     def whiten(self, values: Array) -> Array:
         """``L^-1 values`` (..., n, k, p)."""
@@ -266,7 +271,8 @@ class JointFactor:
 
     def pull(self, white: Array) -> Array:
         """``L^-T white`` (..., n, k, p)."""
-        return substitute_transposed(self.B, self._reflected(white, self.K.mT))
+        values = white.copy() if isinstance(self.V, Columns) else white
+        return substitute_transposed(self.B, self._reflected(values, self.K.mT))
 
     def log_determinant(self) -> Array:
         """(...) ``log|Sigma|``: of the blocks, and of what is shared ``log|C C^T|``."""

@@ -484,7 +484,8 @@ def of_intrinsics(some: slice) -> dict[str, Any]:
     """Effect of some of the intrinsics, and its change once width and place of the target follow from poses."""
 
     def of_target(distance: float | None = None, centre: Array | None = None) -> Callable[[PosePairs], Array]:
-        return lambda poses: intrinsics_columns(poses.camera, distance, centre)[..., some]
+        # a copy, which does not keep the columns of the others
+        return lambda poses: np.ascontiguousarray(intrinsics_columns(poses.camera, distance, centre)[..., some])
 
     def bind(poses: PosePairs) -> dict[str, Any]:
         distance = median_distance(poses.camera)
