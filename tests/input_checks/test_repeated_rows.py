@@ -48,6 +48,14 @@ def test_rounding_and_what_is_measured_again(rng):
     assert said(stale) == ["1 of 12 camera poses repeat the row before exactly: they add no information."]
 
 
+def test_poses_that_share_some_numbers_are_not_compared_one_by_one(monkeypatch):
+    """A robot that stood in few places, and cameras that did: no pose is near another in all of its numbers."""
+    seen = uq.simulate(2_000, noise=NOISE, seed=3)
+    monkeypatch.setattr("scipy.spatial.KDTree", None)
+    assert repeated_rows(uq.PosePairs(seen.robot[np.arange(2_000) % 7], seen.camera)) == ()
+    assert repeated_rows(uq.PosePairs(seen.robot, seen.camera[np.arange(2_000) % 7])) == ()
+
+
 def test_many(rng):
     many = POSES[rng.integers(12, size=20_000)]
     assert sum(map(len, repeated_rows(many))) == 20_000

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...core.geometry.se3 import Array
 from ...core.limits import MIN_POSES
 from ...findings import Finding
 from ...model.poses.pose_numbers import Selection
@@ -29,20 +31,39 @@ def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
     if poses.robot.ndim != 3:
         return ()
     numbers = np.concatenate([T[:, :3].reshape(poses.n, 12) for T in (poses.robot, poses.camera)], axis=1)
-    if np.diff(np.sort(numbers.sum(axis=1))).min(initial=np.inf) > 24 * SAME_NUMBER:  # as those of equal poses are not
+    if not len(some := _near_in_all(numbers)):
         return ()
     from scipy.sparse import coo_array  # slow to import
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    single, where = np.unique(numbers + 0.0, axis=0, return_inverse=True)
+    single, where = np.unique(numbers[some] + 0.0, axis=0, return_inverse=True)
     near = KDTree(single).query_pairs(SAME_NUMBER * np.sqrt(24), output_type="ndarray")
     near = near[np.abs(single[near[:, 0]] - single[near[:, 1]]).max(axis=1, initial=0.0) <= SAME_NUMBER]
     links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(single), len(single)))
     label = connected_components(links, directed=False)[1][where.reshape(-1)]
     order = np.argsort(label, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    return tuple(sorted(tuple(group.tolist()) for group in groups if len(group) > 1))
+    return tuple(sorted(tuple(some[group].tolist()) for group in groups if len(group) > 1))
+
+
+def _near_in_all(numbers: Array) -> NDArray[np.intp]:
+    """Return the rows (k,) of numbers (n, 24) that have others near them in each number, and in their sum.
+
+    Rows that are equal within rounding are in one chain of each of these numbers, whose neighbours are near.
+    """
+    some, chain = np.arange(len(numbers)), np.zeros(len(numbers), dtype=np.intp)
+    for along in (np.ones(24), *np.eye(24)):
+        values = numbers[some] @ along
+        order = np.lexsort((values, chain))
+        some, chain, values = some[order], chain[order], values[order]
+        begins = (np.diff(chain, prepend=-1) != 0) | (np.diff(values, prepend=-np.inf) > 24 * SAME_NUMBER)
+        chain = np.cumsum(begins)
+        several = np.bincount(chain)[chain] > 1
+        if not several.any():
+            return some[:0]
+        some, chain = some[several], chain[several]
+    return np.sort(some)
 
 
 def rows_again(poses: PosePairs) -> list[tuple[int, int]]:
