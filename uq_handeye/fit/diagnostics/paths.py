@@ -123,12 +123,12 @@ def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     in_time = [_InTime.of(found, moment, u) for u in range(graph.m)]
     totals = np.zeros((len(pairs), 6, len(found.whole) + 7))
     for k, part in enumerate(found.rows):
-        rows = part.white
+        rows, J = part.white, part.J
+        products = rows[..., : graph.p].mT @ rows  # (g, p, q + 1) of all unknowns
         for one in in_time:
-            one.add(k, rows)
+            one.add(k, products)
         for total, (u, _, of) in zip(totals, pairs, strict=True):
-            B, some = _columns(part, u, of)
-            total += sums_of(B, rows[some]).sum(axis=0)
+            total += _sums_of_pair(part, J, rows, u, of)
     steps = (one.path(found, moment, names) for one in in_time)
     return (*_through_pairs(found, pairs, totals), *(path for path in steps if path is not None))
 
@@ -141,12 +141,13 @@ def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
 
 
-def _columns(part: White, u: int, of: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
-    """B (g, d, 6) of a batch by the unknown u, in the edges ``of`` (E,), and the groups that have any."""
-    edges = part.batch.edges
-    some = np.flatnonzero(of[edges].any(axis=-1))
-    J = part.J[some, :, 6 * u : 6 * u + 6] * np.repeat(of[edges[some]], 6, axis=-1)[..., None]
-    return np.asarray(part.half[some] @ J), some
+def _sums_of_pair(part: White, J: Array, rows: Array, u: int, of: NDArray[np.bool_]) -> Array:
+    """(6, 6 + q + 1) `sums_of` of all groups of a batch by the unknown u in the edges ``of`` (E,).
+
+    ``J`` (b, d, p) and whitened ``rows`` (b, d, q + 1) of the batch.
+    """
+    B = part.half @ (J[..., 6 * u : 6 * u + 6] * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None])
+    return np.asarray(sums_of(B.reshape(1, -1, 6), rows.reshape(1, -1, rows.shape[-1]))[0])
 
 
 def _views_of(graph: Graph, u: int) -> NDArray[np.bool_]:
@@ -208,9 +209,11 @@ class _InTime(NamedTuple):
         of = rows[self.groups[k]]
         return of[..., 6 * self.u : 6 * self.u + 6], of
 
-    def add(self, k: int, rows: Array) -> None:
-        """Add the whitened rows of batch k to the sums."""
-        self.moments.add(self.sums, self.numbers[k], *self.columns(k, rows))
+    def add(self, k: int, products: Array) -> None:
+        """Add the rows of batch k to the sums, by the products (g, p, q + 1) of the columns of all unknowns."""
+        of, all_of = slice(6 * self.u, 6 * self.u + 6), len(self.groups[k]) == len(products)
+        each = products[:, of] if all_of else products[self.groups[k], of]
+        self.moments.add(self.sums, self.numbers[k], np.concatenate([each[..., of], each], axis=-1))
 
     def path(self, found: RigFit, moment: NDArray[np.intp], names: tuple[Hashable, ...]) -> RigPath | None:
         """Return the pose from one moment on, the one of the largest chi-square; None of few moments."""
@@ -272,7 +275,7 @@ def _drift_of(rig: Rig, found: RigFit, u: int) -> _Drift | None:
         B, rows = of.columns(k, part.white)
         D = shares[k] * B
         e = rows[..., -1:] + D @ d[:, None] + rows[..., :-1] @ z[:, None]
-        of.moments.add(left, of.numbers[k], B, np.concatenate([rows[..., :-1], D, e], axis=-1))
+        of.moments.add(left, of.numbers[k], sums_of(B, np.concatenate([rows[..., :-1], D, e], axis=-1)))
     step = largest_step(whole, left, of.moments)
     return _Drift(found.graph.names[u], float(square), int(dof), d, S, 0.0 if step is None else step.chi_square)
 

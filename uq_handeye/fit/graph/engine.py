@@ -151,8 +151,11 @@ class _Prepared(NamedTuple):
             np.ascontiguousarray(blocks.transpose(0, 2, 3, 1)), known, tuple(inner),
         )  # fmt: skip
 
-    def whitened(self, s: Array) -> tuple[Array, Array, Array]:
-        """``L^-1`` (d, d, t, n), those columns whitened (t, p + m + 1, d n), ``sum log|L|`` (t,) by sizes (t, k)."""
+    def whitened(self, s: Array, scale: Array) -> tuple[Array, Array, Array, Array]:
+        """``L^-1`` (d, d, t, n), ``[A, y]^T`` (t, p + m + 1, d, n), its products and ``sum log|L|`` (t,).
+
+        By sizes (t, k); ``scale`` (t, p + m + 1): of the whitened columns.
+        """
         q, d, n = self.columns.shape
         V = np.empty((d, d, len(s), n))
         V[:] = self.known[..., None, :] if isinstance(self.known, np.ndarray) else self.known
@@ -161,18 +164,23 @@ class _Prepared(NamedTuple):
             V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
         for number, of, block in self.inner:
             V[of, of] += s[:, number, None] ** 2 * block[:, :, None]
-        white = np.empty((len(s), q, d, n))
         if d > 6:  # groups of several views: LAPACK and BLAS group by group, one loop for all of the small ones
             L = checked_cholesky(np.ascontiguousarray(V.transpose(2, 3, 0, 1)))
             L_inv = np.stack([dtrtri(one.T)[0].T for one in L.reshape(-1, d, d)]).reshape(L.shape)
-            white[:] = (L_inv @ self.by_group).transpose(0, 3, 2, 1)
+            by_group = L_inv @ self.by_group
+            by_group *= scale[:, None, None]
+            flat = by_group.reshape(len(s), -1, q)
             half = np.asarray(L_inv, dtype=float).transpose(2, 3, 0, 1)
-            return half, white.reshape(len(s), q, -1), -np.log(np.einsum("iitn->tin", half)).sum(axis=(1, 2))
+            logs = -np.log(np.einsum("iitn->tin", half)).sum(axis=(1, 2))
+            return half, by_group.transpose(0, 3, 2, 1), flat.mT @ flat, logs
         half = inverse_factor(V)
+        white = np.empty((len(s), q, d, n))
         for i in range(d):
             white[:, :, i] = np.einsum("ktn,qkn->tqn", half[i, : i + 1], self.columns[:, : i + 1])
+        white *= scale[:, :, None, None]
+        flat = white.reshape(len(s), q, -1)
         logs = -np.log(np.einsum("iitn->itn", half)).sum(axis=(0, 2))
-        return half, white.reshape(len(s), q, -1), logs
+        return half, white, flat @ flat.mT, logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,18 +305,19 @@ class LatentModel(ReadOnlyArrays):
         found = self._latest.get(key)
         if found is None:
             s = self.sizes(theta)
-            halves, grams, A, logs = self._whitened(s[None])
-            found = replace(self._of_sums(theta, s, grams[0], float(logs[0])), halves=halves, A=A[0])
+            halves, white, grams, logs = self._whitened(s[None])
+            A = np.concatenate([part[0].reshape(part.shape[1], -1) for part in white], axis=-1)
+            found = replace(self._of_sums(theta, s, grams[0], float(logs[0])), halves=halves, A=A)
             self._latest.clear()
             self._latest[key] = found
         return found
 
-    def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
-        """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` and ``sum log|L|`` at sizes s (t, components)."""
-        found = [rows.whitened(s) for rows in self._prepared]
-        A = found[0][1] if len(found) == 1 else np.concatenate([white for _, white, _ in found], axis=-1)
-        A[:, self.p : -1] *= s[:, self._owner, None]
-        return tuple(half for half, _, _ in found), A @ A.mT, A, sum((log for _, _, log in found), np.zeros(len(s)))
+    def _whitened(self, s: Array) -> tuple[tuple[Array, ...], tuple[Array, ...], Array, Array]:
+        """``L^-1`` and ``[A, y]^T`` of the groups, ``[A, y]^T [A, y]`` and ``sum log|L|`` at sizes s (t, k)."""
+        scale = np.ones((len(s), self.p + len(self._owner) + 1))
+        scale[:, self.p : -1] = s[:, self._owner]
+        halves, white, grams, logs = zip(*(rows.whitened(s, scale) for rows in self._prepared), strict=True)
+        return halves, white, sum(grams[1:], grams[0]), sum(logs[1:], logs[0])
 
     def _of_sums(self, theta: Array, s: Array, gram: Array, logs: float) -> Solved:
         """Solve by the sums of `_whitened` at sizes s."""
@@ -411,7 +420,7 @@ class LatentModel(ReadOnlyArrays):
         for start in range(0, len(thetas), together):
             some = thetas[start : start + together]
             sizes = np.array([self.sizes(theta) for theta in some])
-            _, grams, _, logs = self._whitened(sizes)
+            _, _, grams, logs = self._whitened(sizes)
             for theta, s, gram, log in zip(some, sizes, grams, logs.tolist(), strict=True):
                 at = self._of_sums(theta, s, gram, log)
                 self._known_points[theta.tobytes()] = at

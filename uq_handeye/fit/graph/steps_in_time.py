@@ -73,13 +73,13 @@ class Moments(NamedTuple):
         """(bins, 6, 6 + q + 1) zeros, to which `add` adds; q unknowns and shared errors."""
         return np.zeros((len(self.first), 6, 6 + q + 1))
 
-    def add(self, sums: Array, groups: NDArray[np.intp], B: Array, rows: Array) -> None:
-        """Add ``B^T [B, A, e]`` of groups of rows: B (g, d, 6), rows [A, e] (g, d, q + 1), by their numbers (g,)."""
+    def add(self, sums: Array, groups: NDArray[np.intp], each: Array) -> None:
+        """Add the `sums_of` of groups of rows (g, 6, 6 + q + 1), by their numbers (g,)."""
         bins = self.of_group[groups]
         order = np.argsort(bins, kind="stable")
         starts = np.flatnonzero(np.diff(bins[order], prepend=-1))
         if len(starts):
-            sums[bins[order][starts]] += np.add.reduceat(sums_of(B, rows)[order], starts)
+            sums[bins[order][starts]] += np.add.reduceat(each[order], starts)
 
 
 def sums_of(B: Array, rows: Array) -> Array:
@@ -157,6 +157,6 @@ def steps_of(fit: Fit, order: NDArray[np.intp]) -> list[Step]:
     white[..., -1] -= (F @ np.linalg.solve(H[12:, 12:], F.T @ e)).reshape(n, 6)  # shared errors as they are estimated
     inverse, moments, found = np.linalg.inv(H), Moments.of(np.arange(n)), []
     for of in (slice(0, 6), slice(6, 12)):
-        moments.add(sums := moments.no_sums(A.shape[-1]), np.arange(n), white[..., of], white)
+        moments.add(sums := moments.no_sums(A.shape[-1]), np.arange(n), sums_of(white[..., of], white))
         found.append(largest_step(inverse, sums, moments))
     return [step for step in found if step is not None]
