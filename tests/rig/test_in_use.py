@@ -353,6 +353,28 @@ def test_an_update_is_the_calibration_of_all_views():
         update_rig(found, new)
 
 
+@pytest.mark.parametrize("unit", [int, float])
+def test_new_poses_with_the_numbers_of_old_ones_count_as_later(unit):
+    """Files without times number their rows from 0, and a session its seconds."""
+    exact, _ = simulate_rig(*HAND, n_poses=24, seed=7)
+    whole, noise = with_noise(exact, noise_of(exact), [SEED, 1]), noise_of(exact)
+
+    def session(rig, first, until):
+        arm = rig.arms["arm"]
+        arms = {"arm": uq.ArmPoses(arm.poses[first:until], [unit(k) for k in range(until - first)])}
+        views = [replace(one, at=tuple(unit(at - first) for at in one.at)) for one in rig.views]
+        return uq.Rig(arms, rig.cameras, rig.targets, tuple(views))
+
+    old, new = split(whole, 14)
+    result, again = calibrate_rig(session(old, 0, 14), noise), session(new, 14, 24)
+    found = uq.update(result, again)
+    assert found.rig.moments == list(range(24))
+    assert [one.values["later"] for one in found.findings if one.code == "maintenance.later_numbers"] == [14]
+    np.testing.assert_allclose(found.poses, calibrate_rig(whole, noise).poses, atol=1e-9)
+    with pytest.raises(uq.InputError, match="has already"):  # poses of the result, by their own numbers
+        uq.update(result, session(old, 0, 14))
+
+
 def test_an_update_that_contradicts_is_refused():
     exact, truth = simulate_rig(*HAND, n_poses=30, seed=7)
     old, new = split(exact, 20)

@@ -458,9 +458,7 @@ def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: fl
         used = graph.used_by(some)
         I_0 += part.gram(sides, weights)
         of_robot = roots[0][used]
-        if (
-            not noise.split_known
-        ):  # whatever share of the noise of rotations is the robot's, its axes may have all of it
+        if not noise.split_known:  # its axes may have all of the noise, whatever share the split gives the robot
             turn = np.zeros(graph.P + 1)
             for numbers in side:
                 np.maximum.at(turn, numbers, variances[:, 0])

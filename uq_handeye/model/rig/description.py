@@ -152,13 +152,12 @@ class ArmPoses(ReadOnlyArrays):
         for k, name in enumerate(other.names):
             if name not in at:
                 continue
-            one, two = self.poses[at[name]], other.poses[k]
-            turn, shift = float(np.linalg.norm(logarithm(one[:3, :3] @ two[:3, :3].T))), one[:3, 3] - two[:3, 3]
-            if turn > MAX_SAME_POSE or float(np.linalg.norm(shift)) > MAX_SAME_POSE:
+            turn, shift = _apart(self.poses[at[name]], other.poses[k])
+            if max(turn, shift) > MAX_SAME_POSE:
                 files = f"{self.source or 'The old poses'} and {other.source or 'the new ones'}"
                 raise InputError(
-                    f"{files} disagree on robot pose {name!s}: {np.degrees(turn):.3g} deg, "
-                    f"{1e3 * float(np.linalg.norm(shift)):.3g} mm. Remove it from one of them, or rename it."
+                    f"{files} disagree on robot pose {name!s}: {np.degrees(turn):.3g} deg, {1e3 * shift:.3g} mm. "
+                    "Remove it from one of them, or rename it."
                 )
         new = [k for k, name in enumerate(other.names) if name not in at]
         joints = None
@@ -168,6 +167,18 @@ class ArmPoses(ReadOnlyArrays):
         chain = None if joints is None else self.kinematics
         timed = self.timed and other.timed
         return ArmPoses(poses, names, self.source, chain, joints, self.errors, self.by_poses, timed)
+
+    def has_others_at_names_of(self, other: ArmPoses) -> bool | None:
+        """Return whether all poses of another file are other ones than those of the same names; None: of no such."""
+        at = {name: k for k, name in enumerate(self.names)}
+        both = [(self.poses[at[name]], other.poses[k]) for k, name in enumerate(other.names) if name in at]
+        return all(max(_apart(*two)) > MAX_SAME_POSE for two in both) if both else None
+
+
+def _apart(one: Array, two: Array) -> tuple[float, float]:
+    """Return the angle (rad) and the distance (m) between two poses."""
+    turn = float(np.linalg.norm(logarithm(one[:3, :3] @ two[:3, :3].T)))
+    return turn, float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -252,13 +252,13 @@ def _of_change(
     if found.later is not None:  # a place in the order of time
         order = np.arange(poses.n) if poses.timestamps is None else np.argsort(poses.timestamps, kind="stable")
         step = int(order[found.later[1].begin])
-    return _named_change(found, poses.n, step)
+    return _named_change(found, poses.n, step, by_row=True)
 
 
-def _named_change(found: Judged, n: int, since: Hashable) -> tuple[str, list[Finding]]:
+def _named_change(found: Judged, n: int, since: Hashable, by_row: bool = False) -> tuple[str, list[Finding]]:
     """Status and findings of n poses or views that contradict a calibration, by the causes that explain them.
 
-    ``since``: the pose from which on something moved, where it did among them.
+    ``since``: the pose from which on something moved, where it did among them, by its row or by its name.
     """
     first = found.causes.named
     if first is not None and first.name == ONE_POSE:
@@ -267,7 +267,8 @@ def _named_change(found: Judged, n: int, since: Hashable) -> tuple[str, list[Fin
     if found.later is not None:
         name, step = found.later
         turn, shift = (float(np.linalg.norm(part)) for part in (step.change[:3], step.change[3:]))
-        values = {"name": name, "since": since, "n": n, "rotation": turn, "translation": shift, "p_value": step.p}
+        values = {"name": name, "since": since, "rotation": turn, "translation": shift, "p_value": step.p}
+        values |= {"n": n if by_row else None}
         return CHANGED, [Finding(MOVED_SINCE, "caution", values)]
     if not found.causes.explained:
         return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": found.causes.all[0].p_left})]

@@ -121,10 +121,16 @@ def _(old: int, new: int) -> str:
     )
 
 
+sentence(
+    "maintenance.later_numbers",
+    "The new robot poses have the numbers of old ones and are others: here their numbers are larger by {later}.",
+)
+
+
 @sentence("maintenance.moved_since", phrase="{name} moved among the new poses, from pose {since} on", rows=("since",))
-def _(name: str, since: Hashable, n: int, rotation: float, translation: float, p_value: float) -> str:
+def _(name: str, since: Hashable, n: int | None, rotation: float, translation: float, p_value: float) -> str:
     what = {"X": "The camera", "target": "The target"}.get(name, name)
-    counted = f" of {n} on (counted from 0)" if isinstance(since, int) and name in ("X", "target") else " on"
+    counted = " on" if n is None else f" of {n} on (counted from 0)"  # of a rig by the name of its robot pose
     by = f"{digits(1e3 * translation, 2)} mm and {digits(math.degrees(rotation), 2)} deg"
     return (
         f"{what} moved among the new poses, from pose {since}{counted}, by {by} ({probability(p_value)}): the poses "

@@ -12,8 +12,10 @@ import numpy as np
 from ...calibration.calibrate_rig import OPTIONS, calibrate_rig
 from ...calibration.evidence.new_views import like
 from ...calibration.rig_result import RigCalibration
+from ...core.files.tree_values import is_plain_number
 from ...core.levels import CONTRADICTED
 from ...errors import InputError, NotConvergedError
+from ...findings import Finding
 from ...fit.graph.declared import request_from_dict
 from ...model.rig.description import Rig
 from ...model.shared_errors.assumed import replace_defaults
@@ -29,7 +31,7 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
     ----------
     result : RigCalibration
     rig : Rig
-        New robot poses and views. Poses that the result has too must be the same; their names must else be new.
+        New robot poses and views. Poses that the result has too must be the same, or all others: these count as later.
     although_changed : bool
         Update even if the new views contradict the result.
 
@@ -38,6 +40,7 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
     InputError
         New views that contradict the result, that it already has, or of cameras or targets that the rig does not have.
     """
+    rig, later = _numbered_on(result.rig, rig)
     new = like(result, rig)
     have = {(view.camera, view.target, moment) for view in result.rig.views for moment in view.at or ()}
     for view in new.views:
@@ -56,7 +59,27 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
                     error.findings
                 )
             raise error
-    return _calibrated_with(result, new)
+    updated = _calibrated_with(result, new)
+    said = [] if later is None else [Finding("maintenance.later_numbers", "note", {"later": later})]
+    return replace(updated, findings=(*updated.findings, *said))
+
+
+def _numbered_on(old: Rig, new: Rig) -> tuple[Rig, int | None]:
+    """Return a rig with its moments after those of an old one, and by how much they are later; None: as they are.
+
+    Files number their rows from 0, and whole seconds from the start of a session: moments of two sessions then have the
+    same numbers. They are others where no robot pose of one session is that of the other by its number.
+    """
+    before: list[Any] = old.moments
+    moments: list[Any] = new.moments
+    others = [old.arms[name].has_others_at_names_of(arm) for name, arm in new.arms.items() if name in old.arms]
+    if True not in others or False in others or not all(map(is_plain_number, (*before, *moments))):
+        return new, None
+    later = int(np.ceil(before[-1] - moments[0])) + 1  # a whole number: rows stay rows
+    moved = {moment: moment + later for moment in moments}
+    arms = {name: replace(arm, names=tuple(moved[at] for at in arm.names)) for name, arm in new.arms.items()}
+    views = (replace(view, at=tuple(moved[moment] for moment in view.at or ())) for view in new.views)
+    return replace(new, arms=arms, views=tuple(views)), later
 
 
 def _calibrated_with(result: RigCalibration, new: Rig) -> RigCalibration:
