@@ -113,6 +113,12 @@ FILES = {
         "brown",
         {"fx": (910.0, 1.0), "cy": (355.0, 0.6), "p2": (-0.0015, 0.002), "k3": (0.4, 0.03)},
     ),
+    "aspect.yaml": (  # CALIB_FIX_ASPECT_RATIO
+        f"image_width: 1280\nimage_height: 720\ncamera_matrix: {K}\ndistortion_coefficients: {D}\n"
+        f"stdDeviationsIntrinsics: {[0.0, 1.14, 0.0, 0.0, 0.01, 0.02, 0.001, 0.002, 0.03]}\n",
+        "brown",
+        {"fx": (910.0, 1.1375), "fy": (912.0, 1.14), "cx": 645.0},
+    ),
 }  # fmt: skip
 
 

@@ -161,7 +161,9 @@ def _of_opencv(tree: JsonObject, name: str, model: str | None, size: tuple[int, 
     model, values = values_of(model, linear, d.tolist(), f"{name}, {key}" if key else name)
     known: dict[str, float | tuple[float, float]] = dict(values)
     if (given := next((key for key in _DEVIATIONS if key in tree), None)) is not None:
-        sd = stack(tree[given], f"{name}, {given}").reshape(-1).tolist()
+        sd = stack(tree[given], f"{name}, {given}").reshape(-1)
+        if sd.size > 1 and sd[0] == 0 < sd[1]:  # OpenCV with a fixed aspect ratio: fx is the ratio times fy.
+            sd[0] = sd[1] * K[0] / K[4]
         stated = {key: float(s) for key, s in zip(MODELS[model].names, sd, strict=False) if s > 0}
         known |= {key: (values[key], s) for key, s in stated.items() if key in values}
     roi, per = fields_of(tree.get("roi")), [int(number(tree.get(f"binning_{axis}", 0), name)) for axis in "xy"]
