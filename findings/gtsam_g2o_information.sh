@@ -4,7 +4,8 @@
 # Both write and read `EDGE_SE3:QUAT` with an information matrix. Expected: a file that gtsam writes means the same in g2o, whose
 # format it is. Seen: g2o's error of a rotation is the vector of the quaternion, half an angle, so that 400 means 0.1 rad; gtsam
 # takes the number for the angle itself and writes 100 for 0.1 rad, in six digits. Read by g2o, each rotation of a gtsam file has
-# a standard deviation twice as large, a quarter of the weight against the translations; a g2o file in gtsam the reverse. Besides, `SparseOptimizer.load` of the Python package says True and leaves the graph empty: edges have to be made by hand.
+# a standard deviation twice as large, a quarter of the weight against the translations; a g2o file in gtsam the reverse.
+# Besides, `SparseOptimizer.load` of the Python package says True and leaves the graph empty: edges have to be made by hand.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
