@@ -174,3 +174,14 @@ def test_refusals_in_one_line(stored, arguments, words):
     done = run("predict", *arguments, cwd=stored[0])
     assert done.returncode == 2 and done.stdout == ""
     assert words in done.stderr and done.stderr.count("\n") == 1, done.stderr
+
+
+def test_points_of_a_fixed_camera_need_no_robot_poses(tmp_path):
+    poses = uq.simulate(12, noise=MODEL, setup="eye-to-hand", seed=3)
+    result = uq.calibrate(poses, noise=MODEL)
+    result.to_json(tmp_path / "result.json")
+    text = predicted(tmp_path, "result.json", "--point", "0,0,0.5", "--point", "0,0.1,0.4", "-o", "out")
+    assert "2 at 1 robot pose" in text
+    points = np.array([[0, 0, 0.5], [0, 0.1, 0.4]]) @ result.R.T + result.t
+    head, rows = table(tmp_path / "out" / "predictions.csv")
+    np.testing.assert_allclose(rows[:, [head.index(axis) for axis in "xyz"]], points, atol=1e-9)

@@ -40,3 +40,11 @@ def test_directions_that_stay_open_are_said(motion, n):
             found = calibrate_rig(rig, noise)
             assert len(found.open) == OPEN[motion]
             assert found.answered == "in part"
+
+
+def test_a_plan_closes_what_stays_open():
+    rig = with_noise(with_motion("one axis", 12, 0), NOISE, [0, 12])
+    found = uq.plan(calibrate_rig(rig, NOISE), k=3, sample=60)
+    first, last = found.of_cameras[0], found.of_cameras[-1]
+    assert np.sqrt(np.trace(first[0][3:, 3:])) > 0.1  # m, by the weak prior
+    assert np.sqrt(np.trace(last[0][3:, 3:])) < 0.01

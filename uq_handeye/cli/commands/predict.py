@@ -165,7 +165,8 @@ def predict_command(
         return ExitStatus.DONE
     times, at = _read_places(stored, str(result), places, wanted.reached_at)
     if points is not None:
-        found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
+        here = points if at else points[None]  # of a fixed camera at no robot pose
+        found = stored.predict(here, tool=tip, **{name: values[:, None] for name, values in at.items()})
         rows, data = _point_rows(found, times), found.to_dict()
         text = _text_of_points(found, len(times), stored, wanted.reached_at is not None)
     else:

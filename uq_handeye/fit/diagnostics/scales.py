@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from ...core.geometry.se3 import Array
+from ...core.levels import IMPOSSIBLE
 from ...core.rounding import SOLUTION_ROUNDING
 from ...findings import GROSS_EXCESS, Finding
 from ...model.errors.keys import CAMERA_SCALE
@@ -34,7 +35,8 @@ from .residuals import MAX_TARGET_RATIO
 def wrong_size(found: RigFit) -> tuple[Finding, ErrorTerm] | None:
     """Return the finding of a target that has another size than given, and the error that its views share.
 
-    It is a failure where a camera is off by more than `GROSS_EXCESS` of its standard deviations, else a caution.
+    It is a failure where it is no chance and a camera is off by more than `GROSS_EXCESS` of its standard deviations,
+    else a caution.
     """
     graph = found.graph
     tried = [(w, x) for w in _each(graph.W) for x in (None, *_each(graph.X[w == graph.W]))]
@@ -59,7 +61,8 @@ def wrong_size(found: RigFit) -> tuple[Finding, ErrorTerm] | None:
         "target": graph.names[w], "camera": None if x is None else graph.names[x], "size": size,
         "sd": float(np.sqrt(left * S[best, 0, 0])), "times": times, "p": p,
     }  # fmt: skip
-    finding = Finding("rig.wrong_size", "failure" if times > GROSS_EXCESS else "caution", values)
+    wrong = times > GROSS_EXCESS and p < IMPOSSIBLE.probability
+    finding = Finding("rig.wrong_size", "failure" if wrong else "caution", values)
     return finding, ErrorTerm(CAMERA_SCALE, "camera", Size(OPEN_SCALE_SD), columns=lengths[best][..., None])
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...core.levels import IMPOSSIBLE
 from ...core.presentation.numbers import concise, digits, probability, times_of_noise
 from ...findings import GROSS_EXCESS, INPUT, RESIDUALS, Finding, Values, sentence
 from ..poses.pose_numbers import ranges
@@ -144,7 +145,7 @@ def _of_lengths(values: Values) -> str:
     phrase=_of_size,
     effect=lambda values: float(values["times"]),
     rejects=True,
-    explains=lambda values: values["times"] > GROSS_EXCESS,
+    explains=lambda values: values["times"] > GROSS_EXCESS and values["p"] < IMPOSSIBLE.probability,
     explained=True,
     remedy=lambda values: f"measure the {_named({'kind': 'target', 'name': values['target']})}, {_of_lengths(values)}",
 )
@@ -153,8 +154,8 @@ def _(target: str, camera: str | None, size: float, sd: float, times: float, p: 
     whose = "its cameras" if camera is None else camera
     remedy = _of_lengths(values | {"camera": camera})
     return (
-        f"By the lengths of {whose} and of the robot, {_of_size(values)} ({probability(p)}). X of {whose} is off by up "
-        f"to {digits(times, 2)} standard deviations. Measure it, {remedy}."
+        f"By the lengths of {whose} and of the robot, {_of_size(values)} ({probability(p)}). X of {whose} is then off "
+        f"by up to {digits(times, 2)} standard deviations. Measure it, {remedy}."
     )
 
 

@@ -8,7 +8,8 @@ the noise of robot and camera, and the posterior give the covariance after it; t
     mean over cameras of  2/3 L^2 tr Cov(theta) + tr Cov(tau)
 
 with L the mean distance of the targets: the mean square error of points at that distance, in all directions. Views are
-chosen one after the other, then exchanged (`graph.selection`).
+chosen one after the other, then exchanged (`graph.selection`). Directions that the views so far leave open have a weak
+prior (`weak_prior`).
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError
 from ...fit.graph.graph import Graph, Sides
 from ...fit.graph.noise import RigNoise
+from ...fit.graph.posterior import Posterior
 from ...fit.graph.selection import weight_of_X
 from ...model.errors.cholesky import checked_cholesky, substitute
 from ...model.rig.description import WORLD, ArmPoses, Rig, View
 from .by_posterior import MAX_POSES_TO_PASS, PlanRequest, first_within
 from .result import Plan
+from .weak_prior import WEAK_PRIOR_SD
 
 # A candidate may exceed the distances and angles seen so far by this factor.
 MAX_BEYOND = 1.15
@@ -54,7 +57,7 @@ def plan_rig(result: RigStatement, asked: PlanRequest) -> Plan:
         )
     graph = Graph.of(rig)
     noise = new_noise(result, rig, graph, measured=False)
-    sides, posterior = graph.linearise(result.poses), posterior_of(result)
+    sides, posterior = graph.linearise(result.poses), _with_open(posterior_of(result), result.open)
     B = _whitened_alone(graph, sides, noise)
     names = tuple(result.cameras)
     length = float(result.lever) if asked.length is None else cast("float", asked.length)
@@ -92,6 +95,15 @@ def plan_rig(result: RigStatement, asked: PlanRequest) -> Plan:
         needed=needed,
         contradictions=result.contradictions,
     )
+
+
+def _with_open(posterior: Posterior, opened: Array) -> Posterior:
+    """Return the posterior with a weak prior along the directions (k, p) that are open, of which it has variance 0."""
+    if not len(opened):
+        return posterior
+    covariance = posterior.covariance.copy()
+    covariance[: opened.shape[1], : opened.shape[1]] += WEAK_PRIOR_SD**2 * opened.T @ opened
+    return replace(posterior, covariance=covariance)
 
 
 def _of_cameras(covariances: Array, count: int) -> Array:
