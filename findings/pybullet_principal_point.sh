@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # pybullet 3.2.7: the principal point of its pictures is neither the middle of the picture nor the middle of the pixels.
 #
-# `computeProjectionMatrixFOV` has the optical axis in the middle of the frustum. Expected, for a picture of W x H with pixels counted
-# by their centres: the principal point ((W - 1) / 2, (H - 1) / 2), or (W / 2, H / 2) as the guides that turn the matrix into
-# K have it. Seen with the software renderer, the one that works without a display: (W / 2, H / 2 - 1), in the picture, the depth
-# and the mask alike: half a pixel to the right and half a pixel up of the middle. With K of the middle, poses from such pictures
-# are turned by 0.7 px / f, 2.4 mrad at f = 208 (0.6 mm to the side at 0.25 m), in a simulation that was meant to be exact.
+# `computeProjectionMatrixFOV` has the optical axis in the middle of the frustum. Expected, for a picture of W x H with pixels
+# counted by their centres: the principal point ((W - 1) / 2, (H - 1) / 2), or (W / 2, H / 2) as the guides that turn the matrix
+# into K have it. Seen with the software renderer, the one that works without a display: (W / 2, H / 2 - 1), in the picture, the
+# depth and the mask alike: half a pixel to the right and half a pixel up of the middle. With K of the middle, poses from such
+# pictures are turned by 0.7 px / f, 3.4 mrad at f = 208 (0.8 mm to the side at 0.25 m), in a simulation meant to be exact.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
