@@ -353,6 +353,16 @@ def test_bad_input_is_named(cameras, targets, view, message):
         calibrate_rig(rig, ONE)
 
 
+@pytest.mark.parametrize(
+    ("away", "told"), [(0.004, r"within 0\.004 s of one: .*--time-tolerance 0\.005"), (3.0, "Correct")]
+)
+def test_times_that_are_nearly_those_of_the_robot_are_to_be_matched_within_a_tolerance(away, told):
+    times = [1700000000.5, 1700000007.25, 1700000013.0, 1700000020.5]
+    with pytest.raises(uq.InputError, match=told):
+        uq.Rig({"arm": uq.ArmPoses(POSES, times)}, {"c": "arm"}, {"t": "world"},
+               [uq.View("c", "t", POSES, [time + away for time in times])])  # fmt: skip
+
+
 def test_a_target_on_two_things_a_part_that_floats_and_files_that_disagree_are_named():
     with pytest.raises(uq.InputError, match="is on two things"):
         uq.Rig({"arm": POSES}, {"c": "arm"}, {"t": ["arm", "world"]}, [uq.View("c", "t", POSES)])

@@ -47,6 +47,15 @@ def test_a_target_of_another_size_is_named_with_noise_estimated():
     assert size.severity == "caution" and off < 3 * found.cameras["right"].sizes[1]  # its noise in depth covers it
 
 
+def test_a_target_of_another_size_is_named_by_noise_that_is_too_large():
+    rig, _ = simulate_rig(*CELL, n_poses=15, noise=NOISE, seed=4)
+    large = dict.fromkeys(NOISE, ("2mrad", "1.2mm"))
+    (size,) = sizes_of(calibrate_rig(of_size(rig, 0.99, ["right"]), large))
+    assert size.values["camera"] == "right"
+    assert sizes_of(calibrate_rig(rig, large)) == []
+    assert sizes_of(calibrate_rig(simulate_rig(*CELL, n_poses=15, seed=4)[0], large)) == []  # exact
+
+
 def test_a_target_of_another_size_for_all_cameras_is_named():
     rig, _ = simulate_rig(*CELL, n_poses=15, noise=NOISE, seed=3)
     (size,) = sizes_of(calibrate_rig(of_size(rig, 0.98, ["left", "right"]), NOISE))

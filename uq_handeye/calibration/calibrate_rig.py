@@ -23,7 +23,7 @@ from ..fit.diagnostics.scales import wrong_size
 from ..fit.graph.constraint import MIN_RESOLVED_SHARE
 from ..fit.graph.declared import declared_of, request_to_dict
 from ..fit.graph.drifts import DRIFT_KINDS, MAX_REMAINING_BESIDE_DRIFT, motion_in_session, with_usual_drift
-from ..fit.graph.fit import RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
+from ..fit.graph.fit import MAX_NOISE_RAD, RigFit, Shared, Task, Weights, fit, onto_closed, prior_at, rig_units
 from ..fit.graph.noise import RigNoise, given_noise
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
@@ -48,8 +48,6 @@ from .rig_statement import MIN_REFUTED_RATIO
 MAX_FLICKERING_SHARE = 0.01
 # Minima that are tried before the best of them is taken.
 MAX_MINIMA = 3
-# Poses of a target or of a robot do not scatter by more (rad); those of which most, or many, are wrong do.
-MAX_NOISE_RAD = 0.05
 # A camera whose noise, in rotation and in translation, is this many times that of another is named.
 MAX_NOISE_RATIO = 10.0
 METHODS = ("efficient", "ml")

@@ -2,9 +2,10 @@ r"""Test of the lengths that cameras measure: a target of another size than give
 
 With whitened rows ``e = rho + A (x, z)`` of a fit, a relative error of the lengths of some views adds the column
 ``b = D_C (0, t)``, t (m) the translations of these views. It is tested as a step in time is (`graph.steps_in_time`),
-with one number d in place of six: corrected views are (1 + d) times as long, ``d^2 M ~ chi^2_1``. Errors of scale that
-the noise holds are among the unknowns z, so that only what they leave is found. X takes up most of an error of scale:
-by ``(x, z) = -H^-1 A^T b d`` the pose of a camera moves by
+with one number d in place of six: corrected views are (1 + d) times as long. ``d^2 M`` over the chi-square by degree of
+freedom that is left has the distribution F, also where the noise that was given is too small or too large. Errors of
+scale that the noise holds are among the unknowns z, so that only what they leave is found. X takes up most of an error
+of scale: by ``(x, z) = -H^-1 A^T b d`` the pose of a camera moves by
 
     times^2 = x_X^T Cov(X)^-1 x_X
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, fdtrc
+from scipy.special import fdtrc
 
 from ...core.geometry.se3 import Array
 from ...core.levels import IMPOSSIBLE
@@ -49,8 +50,8 @@ def wrong_size(found: RigFit) -> tuple[Finding, ErrorTerm] | None:
     squares, _, d, S = differences(found.whole, sums)
     best = int(np.argmax(squares))
     free = max(found.dof - 1, 1)
-    left = max(1.0, (found.chi_square - float(squares[best])) / free)
-    p = float(chdtrc(1, squares[best]) if left == 1.0 else fdtrc(1, free, squares[best] / left)) * len(tried)
+    left = max((found.chi_square - float(squares[best])) / free, GROSS_EXCESS**-2)  # of exact data it is rounding
+    p = float(fdtrc(1, free, squares[best] / left)) * len(tried)
     size = 1.0 + float(d[best, 0])
     if p > FALSE_FINDING or not 1.0 / MAX_TARGET_RATIO < size < MAX_TARGET_RATIO:  # a wrong file, not a size
         return None

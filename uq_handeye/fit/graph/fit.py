@@ -45,6 +45,8 @@ MAX_STEP_SD = 0.1
 # All directions are determined where the smallest eigenvalue of the information, scaled to a unit diagonal, is
 # above this.
 MIN_CLEAR_EIGENVALUE = 0.01
+# Poses of a target or of a robot do not scatter by more (rad); those of which most, or many, are wrong do.
+MAX_NOISE_RAD = 0.05
 # This weight replaces a robust weight of 0: a smaller one would lose the digits of the other rows of a group.
 MIN_POSE_WEIGHT = 1e-6
 
@@ -416,7 +418,7 @@ def closed_by_residuals(graph: Graph, at: Array, prior: Prior | None) -> Array |
     unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-24 * float(np.diag(information).max())))
     if float(np.linalg.eigvalsh(information * np.outer(unit, unit))[0]) > MIN_CLEAR_EIGENVALUE:
         return None
-    half = 0.5 * np.diag(variances)
+    half = 0.5 * np.diag(np.minimum(variances, np.repeat([MAX_NOISE_RAD**2, np.inf], 3)))
     noise = RigNoise.of_own(np.tile(half, (graph.P, 1, 1)), np.tile(half, (graph.E, 1, 1)))
     U = _open(graph, noise, Place(at, graph.robot, graph.C), known, lever)
     return None if U is None or len(U) == graph.p else _closed(U, rig_units(graph, lever))
@@ -462,7 +464,7 @@ def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: fl
             turn = np.zeros(graph.P + 1)
             for numbers in side:
                 np.maximum.at(turn, numbers, variances[:, 0])
-            of_robot[:, :3] = np.sqrt(turn[used])[:, None, None] * np.eye(6)[:3]
+            of_robot[:, :3] = np.sqrt(np.minimum(turn[used], MAX_NOISE_RAD**2))[:, None, None] * np.eye(6)[:3]
         measured = ((part.robot, of_robot), (part.C, roots[1][some]))
         for s, (poses, of_each) in enumerate(measured):
             for a in range(6):

@@ -175,6 +175,21 @@ class ArmPoses(ReadOnlyArrays):
         return all(max(_apart(*two)) > MAX_SAME_POSE for two in both) if both else None
 
 
+def _by_time(moments: Sequence[Any], names: Sequence[Any]) -> str:
+    """Return how views are matched whose times are nearly those of robot poses; nothing where they are not."""
+    if not all(is_plain_number(one) for one in (*moments, *names)):
+        return ""
+    at, times = np.array(moments, dtype=float), np.unique(np.array(names, dtype=float))
+    away = float(np.abs(at[:, None] - times).min(axis=1).max())
+    if len(times) < 2 or away > 0.25 * float(np.diff(times).min()):
+        return ""
+    tolerance = np.ceil(1200.0 * away) / 1000.0
+    return (
+        f"Each is within {away:.2g} s of one: match them by time (--pair time --time-tolerance {tolerance:g}; in a rig "
+        f"file tolerance = {tolerance:g} at its top)."
+    )
+
+
 def _apart(one: Array, two: Array) -> tuple[float, float]:
     """Return the angle (rad) and the distance (m) between two poses."""
     turn = float(np.linalg.norm(logarithm(one[:3, :3] @ two[:3, :3].T)))
@@ -318,8 +333,8 @@ class Rig(ReadOnlyArrays):
             if lacking := [moment for moment in view.at if moment not in has]:
                 raise InputError(
                     f"{view.words} names robot pose {lacking[0]!s}, which the files of the arm {name!r} do not have"
-                    f"{'' if len(lacking) == 1 else f' ({len(lacking)} such rows)'}. Correct the names, or add "
-                    "the poses."
+                    f"{'' if len(lacking) == 1 else f' ({len(lacking)} such rows)'}. "
+                    + (_by_time(lacking, self.arms[name].names) or "Correct the names, or add the poses.")
                 )
         return view
 
