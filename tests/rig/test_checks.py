@@ -8,6 +8,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.calibration.tolerance import MET
+from uq_handeye.core.geometry.se3 import difference, inverse
 from uq_handeye.findings import CHECKS, MINIMUM
 from uq_handeye.trials.simulation.several_cameras import simulate_rig, with_noise
 
@@ -68,3 +69,35 @@ def test_noise_that_is_too_small_fails_its_check_and_no_tolerance_is_shown(rig):
     assert result.usable and status_of(result, "noise level") == "failed" and result.status == "caution"
     assert "no tolerance is shown to be met: check failed: noise level" in result.suits
     assert {one.word for one in result.verdicts("10mm").values()} == {"NOT SHOWN"}
+
+
+@pytest.fixture(scope="module")
+def about_one_axis():
+    exact, truth = simulate_rig(
+        {"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1
+    )
+    return uq.calibrate(with_noise(exact, NOISE, 1), noise=NOISE), truth
+
+
+def test_motions_about_one_axis_leave_a_translation_open_and_nothing_else(about_one_axis):
+    result, truth = about_one_axis
+    assert result.open.shape == (1, 18) and (result.open.reshape(3, 6)[:, :3] == 0.0).all()
+    turn, shift = result.cameras["left"].sizes
+    assert turn < 1e-3 and np.isinf(shift)
+    relative = result.relative("left", "right")  # what is open moves both alike
+    assert not len(relative.open)
+    xi = difference(relative.pose, inverse(truth["left"]) @ truth["right"])
+    assert xi @ np.linalg.solve(relative.covariance, xi) < 25
+    assert status_of(result, "motion") == "caution" and "another axis" in result.advice
+
+
+def test_a_plan_closes_what_is_open(about_one_axis):
+    plan = uq.plan(about_one_axis[0], k=2)
+    assert len(plan.open_directions) == 2 and plan.worst[0, 1] > 0.1 and plan.worst[-1, 1] < 2e-3
+    assert "leave directions of left, right open" in plan.summary()
+
+
+def test_three_poses_test_nothing(rig):
+    kept = replace(rig, views=tuple(replace(view, poses=view.poses[:3], at=view.at[:3]) for view in rig.views))
+    result = uq.calibrate(kept, noise=NOISE)
+    assert {status_of(result, name) for name in ("input", "outliers", "residuals", "two halves")} == {"not run"}

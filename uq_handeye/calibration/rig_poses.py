@@ -27,6 +27,7 @@ from ..findings import Finding, texts
 from ..fit.diagnostics.optimality import Optimality
 from ..fit.diagnostics.paths import RigPath
 from ..fit.graph.fit import onto_closed
+from ..fit.graph.open_directions import MIN_OPEN_PART
 from ..fit.graph.posterior import Posterior
 from ..fit.graph.reference import Reference
 from ..model.poses.estimated_pose import EstimatedPose
@@ -309,11 +310,12 @@ def relative_pose(T_i: Array, T_j: Array) -> tuple[Array, Array, Array]:
 def open_of(by: Array, U: Array, lever: float) -> Array:
     """(j, 6) directions of a function, whose derivatives are ``by`` (6, p), that the open ones U (k, p) move.
 
-    In rad and m, orthonormal in units of the rig.
+    In rad and m, orthonormal in units of the rig; smaller parts than `MIN_OPEN_PART`, in these units, are none.
     """
     if not len(U):
         return np.zeros((0, 6))
     units = np.repeat([lever, 1.0], 3)
     moved = (U @ by.T) * units
     _, s, V = svd(moved, full_matrices=False)
-    return np.asarray(V[s > 1e-6] / units)  # smaller parts, in units of the rig, are none
+    V[np.abs(V) < MIN_OPEN_PART] = 0.0
+    return np.asarray(V[s > MIN_OPEN_PART] / units)

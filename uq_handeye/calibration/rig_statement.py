@@ -27,6 +27,7 @@ from ..findings import (
     NOISE,
     OUTLIERS,
     RESIDUALS,
+    SHARED,
     Finding,
     step_after,
 )
@@ -44,6 +45,8 @@ from .stored_result import NOT_USABLE
 MAX_CHI_SQUARE_RATIO = 10.0
 # Noise that was given is refuted from residuals on that are larger by this factor, where that is no chance.
 MIN_REFUTED_RATIO = 1.3
+# Next step where the motions leave directions open.
+ANOTHER_AXIS = "add poses that rotate about another axis: uq-handeye plan chooses them"
 # Of a result it is doubted where a larger share of the views is rejected.
 MAX_REJECTED_VIEWS = 0.1
 
@@ -174,7 +177,9 @@ class RigStatement(RigPoses):
     def advice(self) -> str | None:
         """The next step about the findings, None where there is nothing to do."""
         step = step_after(self.cautions)
-        if step is None and self.noise_refuted:
+        if step is None and len(self.open):
+            step = ANOTHER_AXIS
+        elif step is None and self.noise_refuted:
             step = "leave the noise out, it is then estimated; look at the files, and what each camera and target is on"
         return None if step is None else step.rstrip(".")
 
@@ -219,9 +224,10 @@ def _rejected(result: RigStatement, check: Check) -> Check:
 
 def _without_findings(result: RigStatement, name: str) -> Check:
     """Return the check where nothing was found: passed, or not run and why."""
+    if len(result.pose_names) < MIN_POSES_FOR_ROBUST and name in (INPUT, OUTLIERS, RESIDUALS, HALVES, SHARED):
+        fit = f"{len(result.pose_names)} poses fit under several readings of the files"
+        return Check(name, "not run", fit if name == INPUT else "too few poses")
     if name == INPUT:
-        if len(result.pose_names) < MIN_POSES_FOR_ROBUST:
-            return Check(name, "not run", f"{len(result.pose_names)} poses fit under several readings of the files")
         return Check(name, "ok", "rows, units and frames fit together")
     if name == OUTLIERS:
         return Check(name, "ok", f"none of {len(result.weights)} views")

@@ -25,7 +25,7 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, qr
 
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ...core.rounding import FIT_ROUNDING
@@ -36,7 +36,7 @@ from ...model.rig.description import Rig
 from .gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
 from .graph import VIEWS_TOGETHER, Batch, Graph, Index, Sides, noise_of_cameras, noise_of_robots
 from .noise import RigNoise
-from .open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
+from .open_directions import MAX_ROTATION_SD_RAD, MIN_OPEN_PART, SIGNAL_RATIO
 from .request import Request
 from .starts import MEDIAN_SQUARE
 
@@ -484,8 +484,11 @@ def _open_by(graph: Graph, noise: RigNoise, here: Place, known: Array, lever: fl
     if not found.any():
         return None
     rig = rig_units(graph, lever)
-    directions = unit[:, None] * np.linalg.solve(root.T, vectors[:, found])
-    return np.asarray(np.linalg.qr(rig[:, None] * directions)[0].T / rig)
+    U = rig[:, None] * unit[:, None] * np.linalg.solve(root.T, vectors[:, found])
+    pivots = qr(U.T, mode="r", pivoting=True)[1][: U.shape[1]]
+    basis = U @ np.linalg.inv(U[pivots])  # the rows that carry most are made the identity
+    basis[np.abs(basis) < MIN_OPEN_PART] = 0.0
+    return np.asarray(np.linalg.qr(basis)[0].T / rig)
 
 
 def _errors(

@@ -89,7 +89,7 @@ def plan_rig(result: RigStatement, asked: PlanRequest) -> Plan:
         sampled=drawn,
         noise=None,
         noise_estimated=bool(result.components),
-        open_directions=np.zeros((0, 6)),
+        open_directions=np.concatenate([one.open for one in result.cameras.values()]),
         shared=tuple(dict.fromkeys(str(key.error) for key in posterior.keys)),
         tolerance=tolerance,
         needed=needed,

@@ -45,14 +45,16 @@ def headline(plan: Plan) -> str:
     k = len(plan.chosen)
     before, after = plan.worst[0], plan.worst[-1]
     poses = f"{k} more {_noun(plan)}{'s'[: k != 1]} would bring"
-    if len(plan.open_directions):
-        parent = plan.frame.split("_T_")[0]
-        what = " and ".join(_direction(a) for a in plan.open_directions)
-        return (
-            f"The {plan.n_poses} poses so far leave {plan.frame} open: {what} of the {parent} frame. {poses} its "
-            f"translation to {_mm(after[1])} mm, its rotation to {_deg(after[0])} deg (standard deviation, worst axis)."
-        )
     worst = "worst camera and axis" if len(plan.cameras) > 1 else "worst axis"
+    if len(plan.open_directions):
+        so_far = f"The {plan.n_poses} {_noun(plan)}s so far leave"
+        bring = (
+            f"translation to {_mm(after[1])} mm, its rotation to {_deg(after[0])} deg (standard deviation, {worst})."
+        )
+        if plan.setup is None:  # each camera has directions of its own
+            return f"{so_far} directions of {plan.frame} open. {poses} the {bring.replace('its', 'the')}"
+        what = " and ".join(_direction(a) for a in plan.open_directions)
+        return f"{so_far} {plan.frame} open: {what} of the {plan.frame.split('_T_')[0]} frame. {poses} its {bring}"
     return (
         f"{poses} the translation of {plan.frame} from {_mm(before[1])} to {_mm(after[1])} mm and its rotation from "
         f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, {worst})."
