@@ -363,6 +363,8 @@ def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exc
     """Return the error of a robust fit that failed, with the pose that moved if one explains it."""
     try:
         plain = fit(task.graph, noise, at, "efficient", prior=task.prior)
+        if not plain.converged:  # its residuals are those of no rig, with one pose that moved or without
+            return error
         _, findings = judged_paths(task._replace(request=Request()), plain)
     except (InputError, NotConvergedError, np.linalg.LinAlgError):
         return error

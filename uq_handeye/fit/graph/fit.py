@@ -114,6 +114,7 @@ class White:
     noise: RigNoise
     batch: Batch
     sides: Sides  # of the edges of the batch
+    D_R: Array  # (b, d, 6q) derivatives by the robot poses
     half: Array  # (b, d, d) L^-1 with S = L L^T, weights in it
     residual: Array  # (b, d) rho, and after the fit what is left of it
 
@@ -121,11 +122,6 @@ class White:
     def L(self) -> Array:
         """(b, d, d)"""
         return np.asarray(np.linalg.inv(self.half))
-
-    @property
-    def D_R(self) -> Array:
-        """(b, d, 6q) derivatives by the robot poses."""
-        return self.graph.by_robots(self.batch, self.sides)
 
     @property
     def D_C(self) -> Array:
@@ -333,7 +329,7 @@ def whitened(graph: Graph, batch: Batch, place: Place, noise: RigNoise, w_e: Arr
     S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
     S = noise_of_robots(D_R, S_R) + noise_of_cameras(sides.camera.reshape(b, e, 6, 6), S_C)
     half = np.asarray(np.linalg.inv(checked_cholesky(S)), dtype=float)
-    part = White(graph, noise, batch, sides, half, sides.r.reshape(b, 6 * e))
+    part = White(graph, noise, batch, sides, D_R, half, sides.r.reshape(b, 6 * e))
     return part if place.v is None else replace(part, residual=part.residual + part.by_errors(*place.v))
 
 

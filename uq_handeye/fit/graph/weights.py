@@ -51,7 +51,7 @@ def distances(found: RigFit) -> Distances:
     alone = np.zeros(graph.P, dtype=bool)
     for part in found.rows:
         batch, d = part.batch, part.residual.shape[1]
-        (b, e), q = batch.edges.shape, batch.robots.shape[1]
+        e, q = batch.edges.shape[1], batch.robots.shape[1]
         Q = part.half.mT @ part.half
         SA = Q @ part.A
         P = Q - SA @ found.whole @ SA.mT
@@ -62,13 +62,10 @@ def distances(found: RigFit) -> Distances:
             of_edges[batch.edges[:, 0]] = _distance2(P, g, np.eye(d), part.L * scale, w)
             alone[batch.robots] = True
             continue
-        for k in range(e):
-            D = np.zeros((b, d, 6))
-            D[:, 6 * k : 6 * k + 6] = part.D_C[:, k]
-            edges = batch.edges[:, k]
-            of_edges[edges] = _distance2(
-                P, g, D, factor(noise.camera[edges]), np.maximum(found.edge_weights[edges], MIN_POSE_WEIGHT)
-            )
+        for k in range(e):  # the error of a camera pose moves the rows of its edge only
+            edges, of = batch.edges[:, k], slice(6 * k, 6 * k + 6)
+            w = np.maximum(found.edge_weights[edges], MIN_POSE_WEIGHT)
+            of_edges[edges] = _distance2(P[:, of, of], g[:, of], part.D_C[:, k], factor(noise.camera[edges]), w)
         for k in range(q):
             D, robots = part.D_R[..., 6 * k : 6 * k + 6], batch.robots[:, k]
             of_poses[robots] = _distance2(
