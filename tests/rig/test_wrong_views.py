@@ -136,7 +136,10 @@ def test_exchanged_views_are_found_without_a_fit():
 @pytest.mark.parametrize(("count", "severity"), [(3, "caution"), (8, "failure")])
 @pytest.mark.parametrize("wrong", [exchanged_of_a_pair, views_exchanged])
 def test_exchanged_views_are_named(wrong, count, severity):
-    """Half of the views are exchanged: the names of the cameras are not sure."""
+    """Half of the views are exchanged: the names of the cameras are not sure.
+
+    Whether such views have an estimate depends on rounding; the finding is there in either case.
+    """
     rig, _ = simulate_rig(*HAND, n_poses=15, seed=3, noise=NOISE)
     if wrong is exchanged_of_a_pair:
         left = rig.views[0].poses
@@ -144,11 +147,15 @@ def test_exchanged_views_are_named(wrong, count, severity):
         right[:, 0, 3] += 0.1
         rig = with_poses(rig, [left, perturb(right, 1e-3 * np.random.default_rng(4).normal(size=(15, 6)))])
     rows = np.random.default_rng([SEED, 6]).choice(15, count, replace=False)
-    result = uq.calibrate(wrong(rig, rows, None))
-    found = next(one for one in result.findings if one.code == "rig.exchanged_views")
+    try:
+        result = uq.calibrate(wrong(rig, rows, None))
+        findings, usable = result.findings, result.usable
+    except uq.NotConvergedError as error:
+        findings, usable = error.findings, False
+    found = next(one for one in findings if one.code == "rig.exchanged_views")
     named = set(range(15)) - set(rows.tolist()) if 2 * count > 15 else set(rows.tolist())
     assert found.severity == severity and set(found.values["rows"]) == named
-    assert result.usable == (severity == "caution")
+    assert usable == (severity == "caution")
 
 
 @pytest.mark.slow
