@@ -59,7 +59,7 @@ def test_a_camera_of_which_few_views_are_left_is_named():
     weights = np.ones(24)
     weights[12:19] = 0.0  # of the right camera 5 of 12 are left
     few = dataclasses.replace(result, weights=weights)
-    assert not few.usable and few.reasons == ("7 of 12 views of board by right contradict the others.",)
+    assert not few.usable and few.reasons == ("7 of 12 views of board by right contradict the others",)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from ..core.levels import CONTRADICTED, DOUBTFUL, RARE
 from ..core.rounding import EPS
 from ..findings import GROSS_EXCESS, Finding, Severity
 from ..fit.diagnostics.prior_check import MIN_SHARE_FROM_DATA, prior_findings
+from ..fit.diagnostics.residuals import MAX_TARGET_RATIO
 from ..fit.graph.declared import Errors, declared_of
 from ..fit.graph.gauss_helmert import Fit
 from ..fit.graph.goodness_of_fit import GoodnessOfFit
@@ -144,7 +145,8 @@ def findings_of_views(graph: Graph, posterior: Posterior, noise: RigNoise, decla
         if probability > 0.5:
             target = {"target": graph.names[w]} if len(np.unique(graph.W)) > 1 else {}
             values = {"estimate": estimate, "sd": sd, "square": None, "probability": probability, **target}
-            found.append(Finding("calibration.target_size", "caution", values))
+            misread = not 1 / MAX_TARGET_RATIO < 1 + estimate < MAX_TARGET_RATIO
+            found.append(Finding("calibration.target_size", "failure" if misread else "caution", values))
     return found
 
 

@@ -9,6 +9,7 @@ alike: they differ in how rows are linearised and unknowns moved.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Generic, NamedTuple, TypeVar
 
@@ -23,6 +24,8 @@ from .reduced_rows import Reduced
 # Largest number of times that the rows are linearised; from the fourth on the unknowns go half of the way, since some
 # would go to and fro.
 MAX_LINEARISATIONS, FULL_STEPS = 10, 3
+# A size is far in its tail beyond this many standard deviations of its prior.
+FAR_SD = 3.0
 # The unknowns have converged where a step moves them by less, root mean square in their standard deviations; and by
 # less than the second where the rows were linearised as often as they may be.
 SETTLED_STEP_SD, LAST_STEP_SD = 0.006, 0.03
@@ -83,20 +86,49 @@ def search(
         found = _converged(linear_at, moved, at, theta, gain, first)
     except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
         found = _converged(linear_at, moved, at, None, gain, first, NEAR_SD)
+    else:
+        found = _nearer(found, linear_at, moved, at, gain, first)
     if gain > GAIN:
         return found
     model = found.linear.model
     others = other_modes(model, found.mode) if known is None else followed(model, found.mode, known)
     best = max((found.mode, *others), key=lambda one: one.log_evidence)
-    if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
+    if best is not found.mode:  # go on from the more probable one, if it still is so where the poses settle
         step = found.linear.reduced.unreduced(model.of_poses(best.theta).mean)
         try:
             there = moved(found.at, step)
-            found = _converged(linear_at, moved, there, best.theta, gain, linear_at(there))
-            others = other_modes(found.linear.model, found.mode)
+            again = _converged(linear_at, moved, there, best.theta, gain, linear_at(there))
         except NotConvergedError:
+            again = None
+        if again is not None and again.mode.log_evidence > found.mode.log_evidence:
+            found = again
+            others = other_modes(found.linear.model, found.mode)
+        else:
             others = [other for other in others if other.log_evidence < found.mode.log_evidence]
     return replace(found, others=tuple(others))
+
+
+def _nearer(
+    found: Searched[At],
+    linear_at: Callable[[At], Linear],
+    moved: Callable[[At, Array], At],
+    at: At,
+    gain: float,
+    first: Linear,
+) -> Searched[At]:
+    """Return the mode that sizes near their priors lead to, where some of those found are far, if it is more probable.
+
+    At the first unknowns rows may be far from linear: sizes in their tails then take the unknowns to where nothing
+    leads back from.
+    """
+    model = found.linear.model
+    if ((found.mode.theta - model.medians) < FAR_SD * model.spreads).all():
+        return found
+    every = [found]
+    with suppress(NotConvergedError):
+        every.append(_converged(linear_at, moved, at, None, gain, first, NEAR_SD))
+        every.append(_converged(linear_at, moved, every[1].at, every[1].mode.theta, gain, every[1].linear))
+    return max(every, key=lambda one: one.mode.log_evidence)
 
 
 def _converged(
