@@ -18,6 +18,7 @@ import numpy as np
 from ...core.geometry.se3 import Array
 from ...errors import NotConvergedError
 from .engine import LatentModel
+from .fit import MAX_NOISE_RAD
 from .mode import GAIN, NEAR_SD, REACH_SD, ROUGH_GAIN, Mode, find_mode, followed, other_modes
 from .reduced_rows import Reduced
 
@@ -119,10 +120,10 @@ def _nearer(
     """Return the mode that sizes near their priors lead to, where some of those found are far, if it is more probable.
 
     At the first unknowns rows may be far from linear: sizes in their tails then take the unknowns to where nothing
-    leads back from.
+    leads back from. Residuals beyond `MAX_NOISE_RAD` are of poses that contradict each other, which no sizes explain.
     """
     model = found.linear.model
-    if ((found.mode.theta - model.medians) < FAR_SD * model.spreads).all():
+    if ((found.mode.theta - model.medians) < FAR_SD * model.spreads).all() or _turn(first.model) > MAX_NOISE_RAD:
         return found
     every = [found]
     with suppress(NotConvergedError):
