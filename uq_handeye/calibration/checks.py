@@ -73,6 +73,7 @@ class Check(Record):
 
 
 def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the findings that are more than a note, those of the largest effect and the decisive ones first."""
     found = [finding for finding in findings if finding.severity != "note"]
     order = sorted(range(len(found)), key=lambda k: (-found[k].effect, found[k].record.rank, k))
     return tuple(found[k] for k in order)

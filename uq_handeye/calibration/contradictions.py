@@ -134,8 +134,10 @@ def findings_of_views(graph: Graph, posterior: Posterior, noise: RigNoise, decla
         if declared_of(declared, error) is not None:
             test = group_test(posterior, dict.fromkeys((posterior.keys[k] for k in of), 1.0), error)
             found += _of_group(test, error, len(of), error.of("") == ROBOT_ACCURACY)
-    scales = [k for k, key in enumerate(posterior.keys) if key.kind == Kind.SCALE]
-    K, t = noise.K_camera[:, 3:, scales], graph.C[:, :3, 3]
+    of_robot = noise.of_robot.tolist()
+    scales = [k for k, key in enumerate(posterior.keys) if key.kind == Kind.SCALE and not of_robot[k]]
+    of_camera = (np.cumsum(~noise.of_robot) - 1)[scales]  # their places among the errors of the camera side
+    K, t = noise.by_camera[:, 3:, of_camera], graph.C[:, :3, 3]
     g = np.einsum("eik,ei->ek", K, t) / np.maximum(np.einsum("ei,ei->e", t, t), EPS)[:, None]
     S = posterior.covariance[np.ix_(*2 * [posterior.p + np.array(scales, dtype=np.intp)])]
     for w in np.unique(graph.W) if scales else ():
